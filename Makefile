@@ -1,0 +1,211 @@
+# blobfield: one Makefile, no recursion. `make help` lists the targets.
+
+CC ?= cc
+CFLAGS ?= -O2 -g
+PREFIX ?= /usr/local
+DESTDIR ?=
+# Where `make run` listens.
+LISTEN ?= 127.0.0.1:7878
+# SAN=address,undefined or SAN=thread builds and tests with sanitizers.
+SAN ?=
+# V=1 shows the commands.
+V ?=
+# Seconds each fuzzer runs in `make fuzz`.
+FUZZ_SECONDS ?= 60
+
+comma := ,
+B := build$(if $(SAN),/$(subst $(comma),-,$(SAN)))
+Q := $(if $(V),,@)
+VERSION := $(shell sed -n 's/^\#\# \([0-9][0-9.]*\).*/\1/p' CHANGELOG.md | head -1)
+
+PACKAGES := gcc libc6-dev libmicrohttpd-dev libcjson-dev nettle-dev \
+	ocl-icd-opencl-dev pocl-opencl-icd
+RUN_PACKAGES := curl
+TEST_PACKAGES := libcmocka-dev libcurl4-openssl-dev curl clang
+FUZZ_PACKAGES := clang libclang-rt-14-dev
+
+WARN := -Wall -Wextra -Wpedantic -Wshadow -Wstrict-prototypes \
+	-Wmissing-prototypes -Wvla -Wpointer-arith -Wwrite-strings
+ALL_CFLAGS := -std=c11 -D_GNU_SOURCE -I. -MMD -MP $(WARN) -fno-math-errno \
+	-DBLOBFIELD_VERSION='"$(VERSION)"' -DCL_TARGET_OPENCL_VERSION=120 \
+	$(if $(SAN),-fsanitize=$(SAN) -fno-omit-frame-pointer \
+	-fno-sanitize-recover=all) $(CFLAGS)
+ALL_LDFLAGS := -pthread $(if $(SAN),-fsanitize=$(SAN)) $(LDFLAGS)
+LIBS := -lmicrohttpd -lcjson -lnettle -lOpenCL -lm
+
+objects = $(patsubst %.c,$(B)/%.o,$(wildcard $(1)/*.c))
+programs = $(patsubst %.c,$(B)/%,$(wildcard tests/$(1)/test_*.c))
+
+CORE := $(call objects,core)
+PROTO := $(call objects,proto)
+KERNELS := $(call objects,kernels) $(B)/kernels/source.o
+SERVER := $(call objects,server)
+SUPPORT := $(B)/tests/support.a
+UNIT := $(call programs,unit)
+DEVICE := $(call programs,device)
+WIRE := $(call programs,wire)
+BENCH := $(patsubst %.c,$(B)/%,$(wildcard tests/bench/bench_*.c))
+FUZZ := $(patsubst tests/fuzz/%.c,build/fuzz/%,$(wildcard tests/fuzz/fuzz_*.c))
+
+# What the kernels are made of. Order matters: constants shared with C, types,
+# functions, entry points.
+CL := $(addprefix core/,opcode.h output.h descriptor.h curve.h table_shape.h) \
+	$(addprefix kernels/,prelude.cl primitive.cl curve.cl fetch.cl \
+	table.cl compose.cl interpreter.cl)
+
+export TSAN_OPTIONS ?= halt_on_error=1
+export UBSAN_OPTIONS ?= print_stacktrace=1
+export BLOBFIELDD ?= $(B)/blobfieldd
+
+.PHONY: all
+all: $(B)/blobfieldd
+
+.PHONY: help
+help:
+	@echo 'make            build the daemon, build/blobfieldd'
+	@echo 'make run        install what is missing, build, start the daemon on'
+	@echo '                LISTEN=$(LISTEN), post an example to it, serve'
+	@echo 'make example    the same on a free port, and stop'
+	@echo 'make test       install what is missing, run every test'
+	@echo '                (SAN=address,undefined or SAN=thread: sanitized)'
+	@echo 'make bench      measure tables and evaluation'
+	@echo 'make fuzz       run each fuzzer for FUZZ_SECONDS=$(FUZZ_SECONDS)'
+	@echo 'make install    to PREFIX=$(PREFIX); uninstall takes it back'
+	@echo 'make clean      remove build/'
+
+# --- building ---------------------------------------------------------------
+
+$(B)/blobfieldd: $(SERVER) $(KERNELS) $(PROTO) $(CORE)
+	$(if $(Q),@echo '  LD    $@')
+	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ $(LIBS)
+
+$(B)/%.o: %.c
+	$(if $(Q),@echo '  CC    $@')
+	@mkdir -p $(@D)
+	$(Q)$(CC) $(ALL_CFLAGS) -c -o $@ $<
+
+# The version is compiled in.
+$(B)/server/%.o: CHANGELOG.md
+
+# The kernels as one C string; #line lets the device's compiler name the files.
+$(B)/kernels/source.c: $(CL) kernels/embed.awk
+	@mkdir -p $(@D)
+	$(Q)awk -f kernels/embed.awk $(CL) > $@.part && mv $@.part $@
+
+$(B)/kernels/source.o: $(B)/kernels/source.c
+	$(if $(Q),@echo '  CC    $@')
+	$(Q)$(CC) $(ALL_CFLAGS) -Wno-overlength-strings -c -o $@ $<
+
+$(SUPPORT): $(call objects,tests/support)
+	$(Q)rm -f $@ && ar rcs $@ $^
+
+$(UNIT): $(B)/%: $(B)/%.o $(SUPPORT) $(PROTO) $(CORE)
+	$(if $(Q),@echo '  LD    $@')
+	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcmocka -lcjson -lm
+
+$(DEVICE) $(BENCH): $(B)/%: $(B)/%.o $(SUPPORT) $(KERNELS) $(PROTO) $(CORE)
+	$(if $(Q),@echo '  LD    $@')
+	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcmocka -lcjson -lOpenCL -lm
+
+$(WIRE): $(B)/%: $(B)/%.o $(SUPPORT) $(PROTO) $(CORE)
+	$(if $(Q),@echo '  LD    $@')
+	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcmocka -lcurl -lcjson -lm
+
+# --- packages ---------------------------------------------------------------
+
+# Installs those of the named Debian packages that are missing.
+define install_packages
+	@missing=$$(for p in $(1); do \
+		dpkg-query -W -f='$${Status}' $$p 2>/dev/null | \
+		grep -q 'ok installed' || echo $$p; done); \
+	[ -z "$$missing" ] || { \
+		echo "installing:" $$missing; \
+		[ "$$(id -u)" = 0 ] && as= || as=sudo; \
+		$$as apt-get update -q && DEBIAN_FRONTEND=noninteractive \
+		$$as apt-get install -y -q --no-install-recommends $$missing; }
+endef
+
+.PHONY: packages-run packages-test packages-fuzz
+packages-run:
+	$(call install_packages,$(PACKAGES) $(RUN_PACKAGES))
+
+packages-test:
+	$(call install_packages,$(PACKAGES) $(TEST_PACKAGES))
+
+packages-fuzz:
+	$(call install_packages,$(PACKAGES) $(FUZZ_PACKAGES))
+
+# --- running ----------------------------------------------------------------
+
+.PHONY: run
+run: packages-run
+	@$(MAKE) --no-print-directory $(B)/blobfieldd
+	@clients/curl/run.sh $(B)/blobfieldd --listen $(LISTEN)
+
+.PHONY: example
+example: packages-run
+	@$(MAKE) --no-print-directory $(B)/blobfieldd
+	@clients/curl/run.sh --once $(B)/blobfieldd --listen 127.0.0.1:0
+
+# --- testing ----------------------------------------------------------------
+
+.PHONY: test
+test: packages-test
+	@$(MAKE) --no-print-directory -j2 $(B)/blobfieldd $(UNIT) $(DEVICE) \
+	    $(WIRE) check-kernels
+	@tests/run.sh $(UNIT) $(DEVICE) $(WIRE)
+
+# The kernels' syntax at every width, with no device.
+.PHONY: check-kernels
+check-kernels:
+	@mkdir -p $(B)
+	@cat $(CL) > $(B)/kernels.cl
+	@for options in -DWIDTH=1 -DWIDTH=4 -DWIDTH=16 \
+	    '-DWIDTH=1 -DTABLES_IMAGE' '-DWIDTH=16 -DTABLES_IMAGE'; do \
+		clang -x cl -cl-std=CL1.2 -Xclang -finclude-default-header \
+		    -fsyntax-only -Wall -Werror -Wno-unused-function $$options \
+		    $(B)/kernels.cl || exit 1; done
+
+.PHONY: bench
+bench: packages-test
+	@$(MAKE) --no-print-directory -j2 $(BENCH)
+	@for b in $(BENCH); do $$b || exit 1; done
+
+.PHONY: fuzz
+fuzz: packages-fuzz
+	@$(MAKE) --no-print-directory -j2 $(FUZZ)
+	@for f in $(FUZZ); do name=$$(basename $$f); \
+		mkdir -p build/corpus/$$name; \
+		$$f -max_total_time=$(FUZZ_SECONDS) -max_len=8192 -rss_limit_mb=4096 \
+		    build/corpus/$$name tests/fuzz/corpus/$${name#fuzz_} || exit 1; done
+
+# One compilation of everything a fuzzer needs, instrumented.
+build/fuzz/%: tests/fuzz/%.c $(wildcard core/*.[ch] proto/*.[ch])
+	$(if $(Q),@echo '  FUZZ  $@')
+	@mkdir -p $(@D)
+	$(Q)clang -std=c11 -D_GNU_SOURCE -I. -O1 -g -fno-math-errno \
+	    -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=undefined \
+	    -o $@ $< $(wildcard core/*.c proto/*.c) -lcjson -lm
+
+# --- the rest ---------------------------------------------------------------
+
+.PHONY: install
+install: $(B)/blobfieldd
+	install -D -m 755 $(B)/blobfieldd $(DESTDIR)$(PREFIX)/bin/blobfieldd
+	install -D -m 644 README.md $(DESTDIR)$(PREFIX)/share/doc/blobfield/README.md
+	install -D -m 644 proto/document.schema.json \
+	    $(DESTDIR)$(PREFIX)/share/blobfield/document.schema.json
+
+.PHONY: uninstall
+uninstall:
+	rm -f $(DESTDIR)$(PREFIX)/bin/blobfieldd
+	rm -rf $(DESTDIR)$(PREFIX)/share/doc/blobfield \
+	    $(DESTDIR)$(PREFIX)/share/blobfield
+
+.PHONY: clean
+clean:
+	rm -rf build
+
+.SECONDARY:
+.DELETE_ON_ERROR:
+-include $(shell find $(B) -name '*.d' 2>/dev/null)

@@ -1,0 +1,29 @@
+/*
+ * What an evaluation delivers, and how a row of it is laid out.
+ */
+#ifndef CORE_OUTPUT_H
+#define CORE_OUTPUT_H
+
+/* Bits of a mask, at least one of which is set. A row holds them in the order
+ * value, gradient xyz, hessian xx yy zz xy xz yz. */
+#define OUTPUT_VALUE 1u
+#define OUTPUT_GRADIENT 2u
+#define OUTPUT_HESSIAN 4u
+
+/* Floats a point has in a row: 1 + 3 + 6. */
+static inline int output_row_floats(unsigned outputs)
+{
+	return (outputs & OUTPUT_VALUE ? 1 : 0) +
+	    (outputs & OUTPUT_GRADIENT ? 3 : 0) +
+	    (outputs & OUTPUT_HESSIAN ? 6 : 0);
+}
+
+/* The derivative order these outputs ask of the root. */
+static inline int output_order(unsigned outputs)
+{
+	if (outputs & OUTPUT_HESSIAN)
+		return 2;
+	return outputs & OUTPUT_GRADIENT ? 1 : 0;
+}
+
+#endif

@@ -1,0 +1,533 @@
+#include "tests/support/random_tree.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/evaluate.h"
+#include "core/table.h"
+#include "core/tape.h"
+#include "core/tree.h"
+
+#define PI 3.14159265358979323846
+
+/* Room for 64 primitives and the compositions, single ones too, above. */
+#define NODES_MAX 512
+
+/* A primitive, and how it lies in the world. */
+struct anchor {
+	const struct primitive *primitive;
+	struct affine to_world;
+};
+
+struct random_tree {
+	struct random_tree_options options;
+	struct random_stream stream;
+	struct tree tree;
+	struct node nodes[NODES_MAX];
+	struct operator operators[NODES_MAX]; /* of each node, if it has one */
+	struct node *children[NODES_MAX];
+	char ids[NODES_MAX][16];
+	int primitives[NODES_MAX]; /* below each node, refs expanded */
+	int finished[NODES_MAX];   /* nodes whose subtree is complete */
+	int node_count, child_count, finished_count;
+	struct anchor anchors[RANDOM_TREE_PRIMITIVES_MAX];
+	int anchor_count;
+	struct vec3 least, most; /* of the box that points are taken from */
+};
+
+uint64_t random_bits(struct random_stream *r)
+{
+	uint64_t z = r->state += 0x9e3779b97f4a7c15u;
+
+	z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
+	z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
+	return z ^ (z >> 31);
+}
+
+double random_in(struct random_stream *r, double least, double most)
+{
+	return least + (most - least) * ((double)(random_bits(r) >> 11) *
+	    0x1p-53);
+}
+
+int random_below(struct random_stream *r, int count)
+{
+	return (int)(random_bits(r) % (uint64_t)count);
+}
+
+static bool chance(struct random_stream *r, double p)
+{
+	return random_in(r, 0.0, 1.0) < p;
+}
+
+static struct vec3 random_vec3(struct random_stream *r, double reach)
+{
+	double x = random_in(r, -reach, reach), y = random_in(r, -reach, reach);
+
+	return vec3(x, y, random_in(r, -reach, reach));
+}
+
+/* Uniform over directions, by rejection; length in [0.1, 1]. */
+static struct vec3 random_direction(struct random_stream *r)
+{
+	for (;;) {
+		struct vec3 v = random_vec3(r, 1.0);
+		double norm = vec3_norm(v);
+
+		if (norm > 0.1 && norm <= 1.0)
+			return v;
+	}
+}
+
+struct primitive random_primitive(struct random_stream *r, bool soft,
+    bool solid)
+{
+	int first = soft ? PRIMITIVE_POINT : solid ? PRIMITIVE_SPHERE : 0;
+	int last = soft ? PRIMITIVE_CIRCLE : PRIMITIVE_PLANE;
+	struct primitive p = {
+	    .type = (enum primitive_type)(first + random_below(r,
+	    last - first + 1))};
+
+	p.a = random_vec3(r, 0.8);
+	p.b = random_vec3(r, 0.8);
+	p.c = random_vec3(r, 0.8);
+	p.normal = random_direction(r);
+	p.half_size = vec3(random_in(r, 0.15, 0.7), random_in(r, 0.15, 0.7),
+	    random_in(r, 0.15, 0.7));
+	p.rounding = chance(r, 0.5) ? random_in(r, 0.0, 0.14) : 0.0;
+	p.radius[0] = random_in(r, 0.15, 0.6);
+	p.radius[1] = chance(r, 0.5) ? random_in(r, 0.15, 0.6) : p.radius[0];
+	p.major = random_in(r, 0.3, 0.8);
+	p.minor = random_in(r, 0.1, 0.29);
+	p.exponent = chance(r, 0.6) ? 3.0 : random_in(r, 3.0, 6.0);
+	p.weight = chance(r, 0.7) ? 1.0 : random_in(r, 0.5, 2.0);
+	p.falloff = random_in(r, 0.1, 0.8);
+	return p;
+}
+
+/* x^2.5 + y^2.5 = 1, from (0,1) to the diagonal. */
+static struct profile sampled_profile(void)
+{
+	double xy[9][2];
+	const char *why;
+	int index;
+	struct profile p;
+	enum err err;
+
+	for (int i = 0; i < 9; i++) {
+		xy[i][0] = i / 8.0 * pow(0.5, 0.4);
+		xy[i][1] = pow(1.0 - pow(xy[i][0], 2.5), 0.4);
+	}
+	err = profile_from_samples((const double (*)[2])xy, 9, &p, &why, &index);
+	if (err != ERR_OK)
+		abort();
+	return p;
+}
+
+struct profile random_profile_make(enum random_profile profile)
+{
+	switch (profile) {
+	case RANDOM_PROFILE_BULGE:
+		return profile_bulge(0.8);
+	case RANDOM_PROFILE_BULGE_SLIGHT:
+		return profile_bulge(0.3);
+	case RANDOM_PROFILE_CIRCLE:
+		return profile_circle();
+	case RANDOM_PROFILE_SAMPLES:
+		return sampled_profile();
+	default:
+		return profile_smooth();
+	}
+}
+
+/* Any but a constant one; its intervals are at least 0.3 rad wide. */
+static struct opening random_opening(struct random_stream *r)
+{
+	struct opening o;
+
+	o.alpha[0] = chance(r, 0.3) ? 0.0 : random_in(r, 0.0, 1.0);
+	o.alpha[1] = random_in(r, o.alpha[0] + 0.3, PI - 0.4);
+	o.alpha[2] = chance(r, 0.3) ? PI : random_in(r, o.alpha[1] + 0.3, PI);
+	for (int i = 0; i < 3; i++)
+		o.theta[i] = random_in(r, 0.0, PI / 4);
+	o.w[0] = random_in(r, 0.5, 3.0);
+	o.w[1] = random_in(r, 0.5, 3.0);
+	return o;
+}
+
+/* clean or blend: no angle; else camel, organic, contact, or a custom one. */
+static void set_operator(struct random_tree *t, struct node *node, bool angle)
+{
+	static const char *const names[] = {"camel", "organic", "contact"};
+	struct operator *op = t->operators + (node - t->nodes);
+	struct random_stream *r = &t->stream;
+	enum random_profile profile = t->options.profile;
+	int name = random_below(r, 5);
+
+	node->op = op;
+	op->layout = t->options.layout;
+	op->resolution = op->layout == LAYOUT_WARPED ? TABLE_RESOLUTION_WARPED
+	    : TABLE_RESOLUTION_UNIFORM;
+	op->profile = profile_smooth();
+	if (!angle) {
+		op->opening = opening_constant(chance(r, 0.5) ? PI / 4 : 0.0);
+		if (profile != RANDOM_PROFILE_ANY)
+			op->profile = random_profile_make(profile);
+	} else if (name < 3 && profile == RANDOM_PROFILE_ANY) {
+		opening_named(names[name], &op->opening);
+		if (name == 2)
+			op->profile = profile_bulge(0.8);
+	} else {
+		op->opening = random_opening(r);
+		if (profile == RANDOM_PROFILE_ANY)
+			profile = (enum random_profile)(1 +
+			    random_below(r, RANDOM_PROFILE_COUNT - 1));
+		op->profile = random_profile_make(profile);
+	}
+}
+
+static double random_scale(struct random_stream *r)
+{
+	double s = exp2(random_in(r, -1.0, 1.0));
+
+	return chance(r, 0.05) ? -s : s;
+}
+
+static void set_transform(struct random_tree *t, struct node *node)
+{
+	struct random_stream *r = &t->stream;
+	struct affine shear = affine_identity();
+	double shift[3], q[4], s[3];
+	struct vec3 axis;
+	double angle = random_in(r, 0.0, PI);
+
+	if (t->options.no_transforms || chance(r, 0.65))
+		return;
+	node->has_transform = true;
+	axis = random_direction(r);
+	axis = vec3_scale(sin(angle) / vec3_norm(axis), axis);
+	q[0] = axis.x;
+	q[1] = axis.y;
+	q[2] = axis.z;
+	q[3] = cos(angle);
+	for (int i = 0; i < 3; i++) {
+		shift[i] = random_in(r, -0.3, 0.3);
+		s[i] = i > 0 && chance(r, 0.3) ? s[0] : random_scale(r);
+	}
+	node->transform = affine_identity();
+	if (chance(r, 0.2))
+		memcpy(node->transform.t, shift, sizeof(shift));
+	else
+		node->transform = affine_from_trs(shift, q, s);
+	if (chance(r, 0.2)) {
+		/* what only a matrix can say */
+		shear.a[0][1] = random_in(r, -0.5, 0.5);
+		node->transform = affine_compose(&shear, &node->transform);
+	}
+}
+
+static struct node *begin_node(struct random_tree *t, enum node_type type)
+{
+	int i = t->node_count++;
+	struct node *node = t->nodes + i;
+
+	assert(i < NODES_MAX);
+	snprintf(t->ids[i], sizeof(t->ids[i]), "n%d", i);
+	node->id = t->ids[i];
+	node->type = type;
+	set_transform(t, node);
+	return node;
+}
+
+static int *primitives_below(struct random_tree *t, const struct node *node)
+{
+	return t->primitives + (node - t->nodes);
+}
+
+static struct node *finish_node(struct random_tree *t, struct node *node,
+    int primitives)
+{
+	*primitives_below(t, node) = primitives;
+	t->finished[t->finished_count++] = (int)(node - t->nodes);
+	return node;
+}
+
+/* A finished node with no more than budget primitives, or NULL. */
+static struct node *random_target(struct random_tree *t, int budget)
+{
+	struct node *target;
+
+	if (t->finished_count == 0 || t->options.no_refs || t->options.nested)
+		return NULL;
+	target = t->nodes + t->finished[random_below(&t->stream,
+	    t->finished_count)];
+	return *primitives_below(t, target) <= budget ? target : NULL;
+}
+
+static struct node *random_leaf(struct random_tree *t, int budget)
+{
+	struct node *target = chance(&t->stream, 0.15)
+	    ? random_target(t, budget) : NULL;
+	struct node *node = begin_node(t, target ? NODE_REF : NODE_PRIMITIVE);
+
+	if (target) {
+		node->target = target;
+		return finish_node(t, node, *primitives_below(t, target));
+	}
+	node->primitive = random_primitive(&t->stream, t->options.only_soft,
+	    t->options.only_solids);
+	return finish_node(t, node, 1);
+}
+
+static struct node *random_node(struct random_tree *t, int budget, int depth,
+    int nested);
+
+/* Children that share budget, one of them with nested - 1 below it. */
+static int add_children(struct random_tree *t, struct node *node, int count,
+    int budget, int depth, int nested)
+{
+	int deep = nested > 1 ? random_below(&t->stream, count) : -1, used = 0;
+
+	node->children = t->children + t->child_count;
+	node->child_count = (size_t)count;
+	t->child_count += count;
+	for (int i = 0; i < count; i++) {
+		int kept = count - 1 - i + (i < deep ? nested - 1 : 0);
+		int most = budget - used - kept;
+		int below = i == deep ? nested - 1 : nested < 0 ? -1 : 0;
+		int share = below > 0 ? most
+		    : 1 + random_below(&t->stream, most);
+		struct node *child = random_node(t, share, depth - 1, below);
+
+		child->parent = node;
+		child->index = (size_t)i;
+		node->children[i] = child;
+		used += *primitives_below(t, child);
+	}
+	return used;
+}
+
+static enum node_type random_type(struct random_stream *r, bool angle)
+{
+	static const enum node_type types[] = {NODE_UNION, NODE_UNION,
+	    NODE_INTERSECTION, NODE_DIFFERENCE, NODE_SUM, NODE_RICCI};
+
+	return types[random_below(r, angle ? 4 : 6)];
+}
+
+/* nested: as the option, for what is left; -1: any compositions. */
+static struct node *random_composition(struct random_tree *t, int budget,
+    int depth, int nested)
+{
+	struct random_stream *r = &t->stream;
+	enum node_type type = random_type(r, nested > 0);
+	int most = budget < 4 ? budget : 4;
+	int count = nested > 0 ? 2 : most < 2 ? 1 : 2 + random_below(r, most - 1);
+	struct node *node = begin_node(t, type);
+	bool angle = nested > 0 || (nested < 0 && chance(r, 0.75));
+
+	if (type == NODE_RICCI)
+		node->n = chance(r, 0.5) ? 2.0 : random_in(r, 1.0, 8.0);
+	else if (type != NODE_SUM && nested <= 0 && !t->options.no_sharp &&
+	    chance(r, 0.2))
+		node->sharp = true;
+	else if (type != NODE_SUM)
+		set_operator(t, node, angle);
+	return finish_node(t, node, add_children(t, node, count, budget, depth,
+	    nested));
+}
+
+static struct node *random_node(struct random_tree *t, int budget, int depth,
+    int nested)
+{
+	bool leaf = budget == 1 ? chance(&t->stream, 0.95)
+	    : chance(&t->stream, 0.25);
+
+	if (nested <= 0 && (depth <= 0 || leaf))
+		return random_leaf(t, budget);
+	return random_composition(t, budget, depth, nested);
+}
+
+/* About where p's field lies, in its own frame. */
+static struct vec3 near_primitive(struct random_stream *r,
+    const struct primitive *p, double *reach)
+{
+	double u = random_in(r, 0.0, 1.0), v = random_in(r, 0.0, 1.0 - u);
+	struct vec3 ab = vec3_sub(p->b, p->a), ac = vec3_sub(p->c, p->a);
+	struct vec3 x = p->a;
+
+	*reach = fmax(p->radius[0], p->radius[1]);
+	switch (p->type) {
+	case PRIMITIVE_TRIANGLE:
+		x = vec3_axpy(u, ab, vec3_axpy(v, ac, x));
+		break;
+	case PRIMITIVE_SEGMENT:
+	case PRIMITIVE_CYLINDER:
+	case PRIMITIVE_CAPSULE:
+	case PRIMITIVE_CONE:
+		x = vec3_axpy(u, ab, x);
+		break;
+	case PRIMITIVE_BOX:
+		*reach = vec3_norm(p->half_size);
+		break;
+	case PRIMITIVE_DISC:
+	case PRIMITIVE_CIRCLE:
+		*reach += p->major;
+		break;
+	case PRIMITIVE_TORUS:
+		*reach = p->major + p->minor;
+		break;
+	default:
+		break;
+	}
+	/* 2.2: a support is 1/sqrt(1 - 2^(-1/3)) of a soft radius. */
+	*reach = p->type >= PRIMITIVE_SPHERE ? *reach + p->falloff
+	    : 2.2 * *reach;
+	return x;
+}
+
+/* A point in the world near anchor's primitive. */
+static struct vec3 near_anchor(struct random_stream *r,
+    const struct anchor *anchor)
+{
+	double reach;
+	struct vec3 x = near_primitive(r, anchor->primitive, &reach);
+	double s = reach * random_in(r, 0.0, 1.0);
+
+	x = vec3_axpy(s, random_direction(r), x);
+	return affine_point(&anchor->to_world, x);
+}
+
+static void add_anchors(struct random_tree *t, const struct node *node,
+    struct affine to_world)
+{
+	if (node->has_transform)
+		to_world = affine_compose(&to_world, &node->transform);
+	if (node->type == NODE_PRIMITIVE)
+		t->anchors[t->anchor_count++] = (struct anchor){
+		    &node->primitive, to_world};
+	if (node->type == NODE_REF)
+		add_anchors(t, node->target, to_world);
+	for (size_t i = 0; i < node->child_count; i++)
+		add_anchors(t, node->children[i], to_world);
+}
+
+static void find_box(struct random_tree *t)
+{
+	t->least = vec3(INFINITY, INFINITY, INFINITY);
+	t->most = vec3(-INFINITY, -INFINITY, -INFINITY);
+	for (int i = 0; i < 64 * t->anchor_count; i++) {
+		struct vec3 p = near_anchor(&t->stream, t->anchors + i / 64);
+
+		t->least = vec3(fmin(p.x, t->least.x), fmin(p.y, t->least.y),
+		    fmin(p.z, t->least.z));
+		t->most = vec3(fmax(p.x, t->most.x), fmax(p.y, t->most.y),
+		    fmax(p.z, t->most.z));
+	}
+}
+
+struct random_tree *random_tree_create(const struct random_tree_options *o)
+{
+	struct random_tree *t = calloc(1, sizeof(*t));
+
+	if (!t)
+		abort();
+	t->options = *o;
+	t->stream.state = o->seed;
+	if (t->options.max_primitives == 0)
+		t->options.max_primitives = 40;
+	if (t->options.max_depth == 0)
+		t->options.max_depth = 6;
+	assert(t->options.max_primitives <= RANDOM_TREE_PRIMITIVES_MAX);
+	assert(t->options.max_primitives > o->nested);
+	t->tree.root = t->options.max_primitives == 1 ? random_leaf(t, 1)
+	    : random_composition(t, t->options.max_primitives,
+	    t->options.max_depth, o->nested ? o->nested : -1);
+	t->tree.null_gradient = TREE_NULL_GRADIENT;
+	add_anchors(t, t->tree.root, affine_identity());
+	find_box(t);
+	return t;
+}
+
+void random_tree_free(struct random_tree *t)
+{
+	free(t);
+}
+
+const struct tree *random_tree_get(const struct random_tree *t)
+{
+	return &t->tree;
+}
+
+static double value_at(const struct tape *tape, struct vec3 p)
+{
+	struct jet jet;
+
+	evaluate(tape, p, 0, &jet);
+	return jet.value;
+}
+
+static struct vec3 near_any(const struct random_tree *t,
+    struct random_stream *r)
+{
+	return near_anchor(r, t->anchors + random_below(r, t->anchor_count));
+}
+
+/* Whether one of a few tries near primitives has a value above level. */
+static bool find_above(const struct random_tree *t, const struct tape *tape,
+    struct random_stream *r, double level, struct vec3 *out)
+{
+	for (int i = 0; i < 8; i++) {
+		*out = near_any(t, r);
+		if (value_at(tape, *out) > level)
+			return true;
+	}
+	return false;
+}
+
+/* Within about a hundredth of a random chord of the iso-surface. */
+static struct vec3 near_surface(const struct random_tree *t,
+    const struct tape *tape, struct random_stream *r)
+{
+	struct vec3 inside, outside, middle;
+
+	if (!find_above(t, tape, r, 0.5, &inside))
+		return inside;
+	outside = near_any(t, r);
+	for (int i = 0; i < 6; i++) {
+		middle = vec3_scale(0.5, vec3_add(inside, outside));
+		if (value_at(tape, middle) > 0.5)
+			inside = middle;
+		else
+			outside = middle;
+	}
+	return vec3_axpy(random_in(r, 0.0, 1.0), vec3_sub(outside, inside),
+	    inside);
+}
+
+void random_tree_points(const struct random_tree *t, const struct tape *tape,
+    uint64_t seed, size_t count, float *xyz)
+{
+	struct random_stream r = {seed};
+
+	for (size_t i = 0; i < count; i++) {
+		struct vec3 p;
+
+		if (i % 4 == 0)
+			p = vec3(random_in(&r, t->least.x, t->most.x),
+			    random_in(&r, t->least.y, t->most.y),
+			    random_in(&r, t->least.z, t->most.z));
+		else if (i % 4 == 1)
+			p = near_any(t, &r);
+		else if (i % 4 == 2)
+			find_above(t, tape, &r, 0.0, &p);
+		else
+			p = near_surface(t, tape, &r);
+		xyz[3 * i] = (float)p.x;
+		xyz[3 * i + 1] = (float)p.y;
+		xyz[3 * i + 2] = (float)p.z;
+	}
+}

@@ -1,0 +1,815 @@
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/tape.h"
+#include "core/tree.h"
+#include "tests/support/fail_alloc.h"
+#include "tests/support/near.h"
+#include "tests/support/random_tree.h"
+
+#define MAX_NODES 4096
+#define PI 3.14159265358979323846
+
+/* A soft point of support radius 1, for (1 - d^2)^3. */
+static struct node point(double x)
+{
+	return (struct node){.type = NODE_PRIMITIVE, .primitive = {
+	    .type = PRIMITIVE_POINT, .a = {x, 0.0, 0.0},
+	    .radius = {sqrt(1.0 - cbrt(0.5)), 0.0}, .exponent = 3.0,
+	    .weight = 1.0}};
+}
+
+/* The camel operator of every composition that is given no other. */
+static struct operator camel;
+
+static int make_camel(void **state)
+{
+	(void)state;
+	camel.profile = profile_smooth();
+	return opening_named("camel", &camel.opening) ? 0 : -1;
+}
+
+static struct operator with_opening(struct opening opening)
+{
+	struct operator op = camel;
+
+	op.opening = opening;
+	return op;
+}
+
+static struct node composition(enum node_type type, struct node **children,
+    size_t count)
+{
+	return (struct node){.type = type, .children = children,
+	    .child_count = count, .n = 2.0, .op = &camel};
+}
+
+static struct node reference(const struct node *target)
+{
+	return (struct node){.type = NODE_REF, .target = target};
+}
+
+static void move(struct node *node, double x)
+{
+	node->has_transform = true;
+	node->transform = affine_identity();
+	node->transform.t[0] = x;
+}
+
+/* A quarter turn about z and a scale. */
+static void turn(struct node *node, double scale)
+{
+	const double t[3] = {0.0, 0.0, 0.0}, s[3] = {scale, scale, scale};
+	const double q[4] = {0.0, 0.0, sqrt(0.5), sqrt(0.5)};
+
+	node->has_transform = true;
+	node->transform = affine_from_trs(t, q, s);
+}
+
+static struct tape *compile(const struct node *root)
+{
+	struct tree tree = {root, TREE_NULL_GRADIENT};
+	struct tape *tape;
+	struct tape_error error;
+
+	assert_int_equal(tape_compile(&tree, MAX_NODES, &tape, &error), ERR_OK);
+	return tape;
+}
+
+/* Asserts opcodes, given up to OP_COUNT. */
+static void assert_ops(const struct tape *tape, const unsigned *ops)
+{
+	size_t i;
+
+	for (i = 0; ops[i] != OP_COUNT; i++) {
+		assert_true(i < tape->insn_count);
+		assert_int_equal(tape->insns[i].op, ops[i]);
+	}
+	assert_int_equal(tape->insn_count, i);
+}
+
+static void assert_extras(const struct tape *tape, const unsigned *extras)
+{
+	for (size_t i = 0; i < tape->insn_count; i++)
+		assert_int_equal(tape->insns[i].extra, extras[i]);
+}
+
+static void test_tape_primitive_is_one_instruction(void **state)
+{
+	struct node p = point(0.25);
+	struct tape *t = compile(&p);
+
+	(void)state;
+	assert_ops(t, (unsigned[]){OP_POINT, OP_COUNT});
+	assert_int_equal(t->stack_depth, 1);
+	assert_int_equal(t->node_count, 1);
+	assert_int_equal(t->primitive_count, 1);
+	assert_int_equal(t->operator_count, 0);
+	assert_int_equal(t->param_count, 6);
+	assert_true(t->params[0] == 0.25);
+	tape_free(t);
+}
+
+static void test_tape_free_of_null_does_nothing(void **state)
+{
+	(void)state;
+	tape_free(NULL);
+}
+
+static void test_tape_folds_left_to_right(void **state)
+{
+	struct node a = point(1), b = point(2), c = point(3);
+	struct node root = composition(NODE_UNION,
+	    (struct node *[]){&a, &b, &c}, 3);
+	struct tape *t = compile(&root);
+
+	(void)state;
+	assert_ops(t, (unsigned[]){OP_POINT, OP_POINT, OP_UNION, OP_POINT,
+	    OP_UNION, OP_COUNT});
+	assert_extras(t, (unsigned[]){2, 2, 1, 1, 0});
+	assert_true(t->params[t->insns[0].param] == 1.0);
+	assert_true(t->params[t->insns[1].param] == 2.0);
+	assert_true(t->params[t->insns[3].param] == 3.0);
+	assert_int_equal(t->stack_depth, 2);
+	tape_free(t);
+}
+
+static void test_tape_orders_are_what_the_root_asks_and_extra(void **state)
+{
+	struct insn insn = {.extra = 1};
+
+	(void)state;
+	assert_int_equal(tape_order(&insn, 0), 1);
+	assert_int_equal(tape_order(&insn, 1), 2);
+	assert_int_equal(tape_order(&insn, 2), 2);
+}
+
+static void test_tape_extra_stops_at_two(void **state)
+{
+	struct node a = point(1);
+	struct node root = composition(NODE_UNION,
+	    (struct node *[]){&a, &a, &a, &a}, 4);
+	struct tape *t = compile(&root);
+
+	(void)state;
+	assert_extras(t, (unsigned[]){2, 2, 2, 2, 1, 1, 0});
+	tape_free(t);
+}
+
+static void test_tape_constant_opening_asks_no_more(void **state)
+{
+	struct node a = point(1);
+	struct node inner = composition(NODE_UNION,
+	    (struct node *[]){&a, &a, &a}, 3);
+	struct node root = composition(NODE_UNION,
+	    (struct node *[]){&inner, &a}, 2);
+	struct operator clean = with_opening(opening_constant(PI / 4));
+	struct tape *t;
+
+	(void)state;
+	inner.op = &clean;
+	t = compile(&root);
+	assert_extras(t, (unsigned[]){1, 1, 1, 1, 1, 1, 0});
+	tape_free(t);
+}
+
+static void test_tape_sharp_sum_and_ricci_ask_no_more(void **state)
+{
+	struct node a = point(1);
+	struct node sum = composition(NODE_SUM, (struct node *[]){&a, &a}, 2);
+	struct node ricci = composition(NODE_RICCI,
+	    (struct node *[]){&sum, &a}, 2);
+	struct node min = composition(NODE_INTERSECTION,
+	    (struct node *[]){&ricci, &a}, 2);
+	struct node max = composition(NODE_UNION,
+	    (struct node *[]){&min, &a}, 2);
+	struct tape *t;
+
+	(void)state;
+	min.sharp = max.sharp = true;
+	t = compile(&max);
+	assert_ops(t, (unsigned[]){OP_POINT, OP_POINT, OP_SUM, OP_POINT, OP_RICCI,
+	    OP_POINT, OP_MIN, OP_POINT, OP_MAX, OP_COUNT});
+	assert_extras(t, (unsigned[]){0, 0, 0, 0, 0, 0, 0, 0, 0});
+	assert_true(t->params[t->insns[4].param] == 2.0);
+	assert_int_equal(t->operator_count, 0);
+	tape_free(t);
+}
+
+static void test_tape_single_child_is_the_composition(void **state)
+{
+	struct node a = point(1);
+	struct node inner = composition(NODE_DIFFERENCE,
+	    (struct node *[]){&a}, 1);
+	struct node root = composition(NODE_UNION, (struct node *[]){&inner}, 1);
+	struct tape *t = compile(&root);
+
+	(void)state;
+	assert_ops(t, (unsigned[]){OP_POINT, OP_COUNT});
+	assert_extras(t, (unsigned[]){0});
+	assert_int_equal(t->operator_count, 0);
+	assert_int_equal(t->node_count, 3);
+	tape_free(t);
+}
+
+static void test_tape_deeper_operand_goes_first(void **state)
+{
+	struct node a = point(1), b = point(2);
+	struct node pair = composition(NODE_SUM, (struct node *[]){&b, &b}, 2);
+	struct node blend = composition(NODE_DIFFERENCE,
+	    (struct node *[]){&a, &pair}, 2);
+	struct node sharp = composition(NODE_DIFFERENCE,
+	    (struct node *[]){&a, &blend}, 2);
+	struct tape *t;
+
+	(void)state;
+	sharp.sharp = true;
+	t = compile(&sharp);
+	assert_ops(t, (unsigned[]){OP_POINT, OP_POINT, OP_SUM, OP_POINT,
+	    OP_DIFFERENCE_SWAPPED, OP_POINT, OP_MINUS_SWAPPED, OP_COUNT});
+	assert_extras(t, (unsigned[]){1, 1, 1, 1, 0, 0, 0});
+	assert_int_equal(t->stack_depth, 2);
+	tape_free(t);
+}
+
+/* ((a - b) - (c + c)) - d: only the middle child is due early. */
+static void test_tape_deeper_child_goes_before_its_siblings_fold(void **state)
+{
+	struct node a = point(1), b = point(2), c = point(3), d = point(4);
+	struct node pair = composition(NODE_SUM, (struct node *[]){&c, &c}, 2);
+	struct node deep = composition(NODE_SUM,
+	    (struct node *[]){&pair, &pair}, 2);
+	struct node root = composition(NODE_DIFFERENCE,
+	    (struct node *[]){&a, &b, &deep, &d}, 4);
+	struct operator blend = with_opening(opening_constant(0.0));
+	struct tape *t;
+
+	(void)state;
+	root.op = &blend;
+	t = compile(&root);
+	assert_ops(t, (unsigned[]){OP_POINT, OP_POINT, OP_SUM, OP_POINT, OP_POINT,
+	    OP_SUM, OP_SUM, OP_POINT, OP_POINT, OP_DIFFERENCE,
+	    OP_DIFFERENCE_SWAPPED, OP_POINT, OP_DIFFERENCE, OP_COUNT});
+	assert_true(t->params[t->insns[7].param] == 1.0);
+	assert_true(t->params[t->insns[8].param] == 2.0);
+	assert_int_equal(t->stack_depth, 3);
+	tape_free(t);
+}
+
+#define LEAVES 1000
+
+struct forest {
+	struct node leaf;
+	struct node nodes[LEAVES];
+	struct node *children[LEAVES][2];
+};
+
+static struct forest *plant(void)
+{
+	struct forest *f = calloc(1, sizeof(*f));
+
+	assert_non_null(f);
+	f->leaf = point(0.0);
+	for (size_t i = 0; i < LEAVES; i++)
+		f->nodes[i] = composition(NODE_SUM, f->children[i], 2);
+	return f;
+}
+
+static void test_tape_chains_need_two_jets_on_either_side(void **state)
+{
+	struct forest *f = plant();
+
+	(void)state;
+	for (size_t side = 0; side < 2; side++) {
+		struct tape *t;
+
+		for (size_t i = 0; i < 200; i++) {
+			f->children[i][side] = i < 199 ? f->nodes + i + 1
+			    : &f->leaf;
+			f->children[i][1 - side] = &f->leaf;
+		}
+		t = compile(f->nodes);
+		assert_int_equal(t->primitive_count, 201);
+		assert_int_equal(t->stack_depth, 2);
+		tape_free(t);
+	}
+	free(f);
+}
+
+static void test_tape_balanced_thousand_leaves_need_log_jets(void **state)
+{
+	struct forest *f = plant();
+	struct tape *t;
+
+	(void)state;
+	/* A heap of 999 pairs: 1000 leaves. */
+	for (size_t i = 0; i < LEAVES - 1; i++)
+		for (size_t j = 0; j < 2; j++) {
+			size_t child = 2 * i + 1 + j;
+
+			f->children[i][j] = child < LEAVES - 1
+			    ? f->nodes + child : &f->leaf;
+		}
+	t = compile(f->nodes);
+	assert_int_equal(t->primitive_count, LEAVES);
+	/* 1 + floor(log2(1000)) */
+	assert_int_equal(t->stack_depth, 10);
+	tape_free(t);
+	free(f);
+}
+
+static void test_tape_translation_has_frame_and_no_carry(void **state)
+{
+	struct node a = point(0), b = point(0);
+	struct node root = composition(NODE_SUM,
+	    (struct node *[]){&a, &b, &a}, 3);
+	struct tape *t;
+
+	(void)state;
+	move(&a, 3.0);
+	t = compile(&root);
+	/* back to the world for b, then there again */
+	assert_ops(t, (unsigned[]){OP_FRAME, OP_POINT, OP_FRAME, OP_POINT, OP_SUM,
+	    OP_FRAME, OP_POINT, OP_SUM, OP_COUNT});
+	assert_true(t->params[t->insns[0].param + 9] == -3.0);
+	assert_true(t->params[t->insns[2].param + 9] == 0.0);
+	assert_true(t->params[t->insns[2].param + 4] == 1.0);
+	tape_free(t);
+}
+
+static void test_tape_siblings_share_a_frame(void **state)
+{
+	struct node a = point(0), b = point(1);
+	struct node root = composition(NODE_UNION, (struct node *[]){&a, &b}, 2);
+	struct tape *t;
+
+	(void)state;
+	turn(&root, 2.0);
+	t = compile(&root);
+	assert_ops(t, (unsigned[]){OP_FRAME, OP_POINT, OP_POINT, OP_UNION,
+	    OP_CARRY, OP_COUNT});
+	assert_extras(t, (unsigned[]){1, 1, 1, 0, 0});
+	tape_free(t);
+}
+
+static void test_tape_frames_compose_and_carries_do_not(void **state)
+{
+	/* inverse of a quarter turn about z and a scale by 2 */
+	const double half_back[9] = {0, 0.5, 0, -0.5, 0, 0, 0, 0, 0.5};
+	struct node a = point(0);
+	struct node mid = composition(NODE_SUM, (struct node *[]){&a}, 1);
+	struct node root = composition(NODE_SUM, (struct node *[]){&mid}, 1);
+	struct tape *t;
+	const double *frame;
+
+	(void)state;
+	turn(&a, 2.0);
+	move(&mid, 1.0);
+	turn(&root, 2.0);
+	t = compile(&root);
+	assert_ops(t, (unsigned[]){OP_FRAME, OP_POINT, OP_CARRY, OP_CARRY,
+	    OP_COUNT});
+	frame = t->params + t->insns[0].param;
+	/* two quarter turns: x -> -x/4; the move lies between them */
+	assert_near(frame[0], -0.25, 1e-15);
+	assert_near(frame[4], -0.25, 1e-15);
+	assert_near(frame[8], 0.25, 1e-15);
+	assert_near(frame[10], 0.5, 1e-15);
+	for (int c = 2; c <= 3; c++)
+		for (int i = 0; i < 9; i++)
+			assert_near(t->params[t->insns[c].param + i],
+			    half_back[i], 1e-15);
+	tape_free(t);
+}
+
+static void test_tape_ref_instances_target_with_both_transforms(void **state)
+{
+	struct node a = point(0), ref = reference(&a);
+	struct node root = composition(NODE_SUM, (struct node *[]){&a, &ref}, 2);
+	struct tape *t;
+
+	(void)state;
+	move(&a, 1.0);
+	turn(&ref, 2.0);
+	t = compile(&root);
+	assert_ops(t, (unsigned[]){OP_FRAME, OP_POINT, OP_FRAME, OP_POINT,
+	    OP_CARRY, OP_SUM, OP_COUNT});
+	/* p -> turned back, halved, then moved by -1 */
+	assert_near(t->params[t->insns[2].param + 1], 0.5, 1e-15);
+	assert_near(t->params[t->insns[2].param + 9], -1.0, 1e-15);
+	assert_int_equal(t->node_count, 4);
+	assert_int_equal(t->primitive_count, 2);
+	tape_free(t);
+}
+
+static void test_tape_operators_are_shared(void **state)
+{
+	struct node a = point(0), n[5], *pair[2] = {&a, &a};
+	struct operator equal = camel, other = camel;
+	struct node root;
+	struct tape *t;
+
+	(void)state;
+	for (int i = 0; i < 5; i++)
+		n[i] = composition(i == 1 ? NODE_INTERSECTION : i == 2
+		    ? NODE_DIFFERENCE : NODE_UNION, pair, 2);
+	equal.opening.theta[1] = -0.0; /* equal to 0 */
+	n[3].op = &equal;
+	other.opening.theta[1] = 0.1;
+	n[4].op = &other;
+	root = composition(NODE_UNION, (struct node *[]){n, n + 1, n + 2,
+	    n + 3, n + 4}, 5);
+	t = compile(&root);
+	/* camel union, camel intersection, and the changed one */
+	assert_int_equal(t->operator_count, 3);
+	for (size_t i = 0; i < t->insn_count; i++) {
+		const struct insn *insn = t->insns + i;
+		enum operator_family family = insn->op == OP_UNION
+		    ? FAMILY_UNION : FAMILY_INTERSECTION;
+
+		if (insn->op >= OP_UNION)
+			assert_int_equal(t->operators[insn->index].family,
+			    family);
+	}
+	tape_free(t);
+}
+
+/* More of them than the compiler has room for at first, each met twice. */
+static void test_tape_many_operators_keep_their_indices(void **state)
+{
+	enum { COUNT = 100 };
+	static struct operator ops[COUNT];
+	struct node a = point(0), n[2 * COUNT], *pair[2] = {&a, &a};
+	struct node *children[2 * COUNT], root;
+	struct tape *t;
+	size_t seen = 0;
+
+	(void)state;
+	for (int i = 0; i < 2 * COUNT; i++) {
+		ops[i % COUNT] = with_opening(opening_constant(i % COUNT / 200.0));
+		n[i] = composition(NODE_UNION, pair, 2);
+		n[i].op = ops + i % COUNT;
+		children[i] = n + i;
+	}
+	root = composition(NODE_SUM, children, 2 * COUNT);
+	t = compile(&root);
+	assert_int_equal(t->operator_count, COUNT);
+	for (size_t i = 0; i < t->insn_count; i++) {
+		if (t->insns[i].op != OP_UNION)
+			continue;
+		assert_true(t->operators[t->insns[i].index].opening.theta[0] ==
+		    (double)(seen++ % COUNT) / 200.0);
+	}
+	assert_int_equal(seen, 2 * COUNT);
+	tape_free(t);
+}
+
+static void test_tape_table_layouts_are_different_operators(void **state)
+{
+	struct node a = point(0);
+	struct node inner = composition(NODE_UNION,
+	    (struct node *[]){&a, &a}, 2);
+	struct node root = composition(NODE_UNION,
+	    (struct node *[]){&inner, &a}, 2);
+	struct operator uniform = camel;
+	struct tape *t;
+
+	(void)state;
+	uniform.layout = LAYOUT_UNIFORM;
+	inner.op = &uniform;
+	t = compile(&root);
+	assert_int_equal(t->operator_count, 2);
+	tape_free(t);
+}
+
+/* null_gradient over the longest fall-off, in the composition's own frame. */
+static void test_tape_null_gradient_scales_with_the_fields(void **state)
+{
+	struct node a = point(0), b = point(0);
+	struct node root = composition(NODE_UNION, (struct node *[]){&a, &b}, 2);
+	struct tape *t;
+
+	(void)state;
+	turn(&b, 4.0);
+	turn(&root, 100.0); /* outside its frame */
+	t = compile(&root);
+	assert_int_equal(t->insns[t->insn_count - 2].op, OP_UNION);
+	assert_near(t->params[t->insns[t->insn_count - 2].param],
+	    TREE_NULL_GRADIENT / 4.0, 1e-15);
+	tape_free(t);
+}
+
+static void test_tape_nested_turns_do_not_stretch(void **state)
+{
+	enum { DEPTH = 60 };
+	struct node a = point(0), n[DEPTH];
+	struct node *children[DEPTH][1], *pair[2] = {n, &a};
+	struct node root = composition(NODE_UNION, pair, 2);
+	struct tape *t;
+
+	(void)state;
+	for (int i = 0; i < DEPTH; i++) {
+		children[i][0] = i + 1 < DEPTH ? n + i + 1 : &a;
+		n[i] = composition(NODE_SUM, children[i], 1);
+		turn(n + i, 1.0);
+	}
+	t = compile(&root);
+	assert_near(t->params[t->insns[t->insn_count - 1].param],
+	    TREE_NULL_GRADIENT, 1e-12);
+	tape_free(t);
+}
+
+/* Compiling root must fail so, naming node, leaving the result alone. */
+static void assert_refused(const struct node *root, size_t max_nodes,
+    enum err expected, const struct node *node, const char *word)
+{
+	struct tree tree = {root, TREE_NULL_GRADIENT};
+	struct tape *tape = (struct tape *)&tree;
+	struct tape_error error = {NULL, ""};
+
+	assert_int_equal(tape_compile(&tree, max_nodes, &tape, &error), expected);
+	assert_ptr_equal(tape, &tree);
+	assert_ptr_equal(error.node, node);
+	if (!strstr(error.detail, word))
+		fail_msg("\"%s\" lacks \"%s\"", error.detail, word);
+}
+
+static void test_tape_refuses_a_ref_to_its_ancestor(void **state)
+{
+	struct node a = point(0), ref, root;
+
+	(void)state;
+	root = composition(NODE_UNION, (struct node *[]){&a, &ref}, 2);
+	root.id = "body";
+	ref = reference(&root);
+	assert_refused(&root, MAX_NODES, ERR_INVALID, &ref,
+	    "refers to itself through \"body\"");
+}
+
+static void test_tape_refuses_a_ref_to_itself(void **state)
+{
+	struct node a = point(0), ref, root;
+
+	(void)state;
+	ref = reference(&ref);
+	ref.id = "me";
+	root = composition(NODE_UNION, (struct node *[]){&a, &ref}, 2);
+	assert_refused(&root, MAX_NODES, ERR_INVALID, &ref, "\"me\"");
+}
+
+static void test_tape_refuses_refs_that_meet(void **state)
+{
+	struct node left, right, to_left, to_right, root;
+
+	(void)state;
+	to_left = reference(&left);
+	to_right = reference(&right);
+	left = composition(NODE_SUM, (struct node *[]){&to_right}, 1);
+	right = composition(NODE_SUM, (struct node *[]){&to_left}, 1);
+	left.id = "left";
+	right.id = "right";
+	root = composition(NODE_SUM, (struct node *[]){&left, &right}, 2);
+	assert_refused(&root, MAX_NODES, ERR_INVALID, &to_left, "\"left\"");
+}
+
+static void test_tape_node_limit_counts_expanded_nodes(void **state)
+{
+	struct node a = point(0), ref = reference(&a), root;
+	struct tree tree = {&root, TREE_NULL_GRADIENT};
+	struct tape_error error;
+	struct tape *t;
+
+	(void)state;
+	root = composition(NODE_SUM, (struct node *[]){&a, &ref}, 2);
+	assert_refused(&root, 3, ERR_LIMIT, &a, "3 nodes");
+	assert_int_equal(tape_compile(&tree, 4, &t, &error), ERR_OK);
+	tape_free(t);
+}
+
+/* 10 sums of 10 refs each to the one before: 10^10 leaves. Ends at once. */
+static void test_tape_billion_laughs_fail_fast(void **state)
+{
+	struct node a = point(0), sums[10], refs[10][10], root;
+	struct node *children[10][10], *all[10];
+	struct tree tree = {&root, TREE_NULL_GRADIENT};
+	struct tape_error error;
+	struct tape *t;
+
+	(void)state;
+	for (int i = 0; i < 10; i++) {
+		for (int j = 0; j < 10; j++) {
+			refs[i][j] = i ? reference(sums + i - 1) : a;
+			children[i][j] = refs[i] + j;
+		}
+		sums[i] = composition(NODE_SUM, children[i], 10);
+		all[9 - i] = sums + i;
+	}
+	root = composition(NODE_SUM, all, 10);
+	assert_int_equal(tape_compile(&tree, 100000, &t, &error), ERR_LIMIT);
+}
+
+static void test_tape_refuses_nesting_beyond_its_limit(void **state)
+{
+	enum { DEPTH = TAPE_NESTING_MAX };
+	struct node a = point(0), n[DEPTH];
+	struct node *children[DEPTH][1];
+	struct tape *t;
+
+	(void)state;
+	for (int i = 0; i < DEPTH; i++) {
+		children[i][0] = i + 1 < DEPTH ? n + i + 1 : &a;
+		n[i] = composition(NODE_SUM, children[i], 1);
+	}
+	assert_refused(n, MAX_NODES, ERR_LIMIT, &a, "nested");
+	t = compile(n + 1);
+	assert_int_equal(t->node_count, DEPTH);
+	tape_free(t);
+}
+
+static void test_tape_refuses_singular_transforms(void **state)
+{
+	struct node a = point(0), b = point(1);
+	struct node root = composition(NODE_UNION, (struct node *[]){&a, &b}, 2);
+
+	(void)state;
+	move(&b, 0.0);
+	b.transform.a[1][1] = 0.0;
+	assert_refused(&root, MAX_NODES, ERR_INVALID, &b, "singular");
+}
+
+static void test_tape_refuses_lengths_out_of_range(void **state)
+{
+	struct node a = point(0), b = point(1);
+	struct node mid = composition(NODE_UNION, (struct node *[]){&a, &b}, 2);
+	struct node root = composition(NODE_UNION, (struct node *[]){&mid}, 1);
+
+	(void)state;
+	turn(&mid, 1e5);
+	turn(&root, 1e5);
+	assert_refused(&root, MAX_NODES, ERR_INVALID, &root, "parent's");
+	turn(&mid, 1e-5);
+	turn(&root, 1e-5);
+	assert_refused(&root, MAX_NODES, ERR_INVALID, &root, "parent's");
+	/* back in range by the time the world sees it */
+	turn(&mid, 1e-10);
+	turn(&root, 1e10);
+	assert_refused(&root, MAX_NODES, ERR_INVALID, &mid, "parent's");
+	/* one axis is enough */
+	turn(&mid, 1.0);
+	turn(&root, 1.0);
+	root.transform.a[2][2] = 1e-10;
+	assert_refused(&root, MAX_NODES, ERR_INVALID, &root, "parent's");
+	root.transform.a[2][2] = 1e100;
+	assert_refused(&root, MAX_NODES, ERR_INVALID, &root, "parent's");
+	root.has_transform = false;
+	a.primitive.radius[0] = 1e-10;
+	assert_refused(&root, MAX_NODES, ERR_INVALID, &a, "own");
+}
+
+static void test_tape_accepts_lengths_at_the_limits(void **state)
+{
+	struct node a = point(0), b = point(1);
+	struct node root = composition(NODE_UNION, (struct node *[]){&a, &b}, 2);
+
+	(void)state;
+	turn(&a, 0.999e9);
+	turn(&b, 1.001e-9);
+	tape_free(compile(&root));
+}
+
+/* Every jet a tape pushes and pops, and every index it holds, in range. */
+static void assert_sound(const struct tape *t)
+{
+	size_t stack = 0, most = 0, primitives = 0;
+
+	for (size_t i = 0; i < t->insn_count; i++) {
+		const struct insn *insn = t->insns + i;
+
+		assert_true(insn->op < OP_COUNT && insn->extra <= 2);
+		assert_true(insn->param <= t->param_count);
+		if (insn->op >= OP_MAX) {
+			assert_true(stack >= 2);
+			stack--;
+		} else if (insn->op >= OP_POINT) {
+			stack++;
+			primitives++;
+		}
+		if (insn->op >= OP_UNION)
+			assert_true(insn->index < t->operator_count);
+		most = stack > most ? stack : most;
+	}
+	assert_int_equal(stack, 1);
+	assert_int_equal(t->insns[t->insn_count - 1].extra, 0);
+	assert_int_equal(most, t->stack_depth);
+	assert_int_equal(primitives, t->primitive_count);
+	assert_true(t->stack_depth <= 1 + log2((double)primitives));
+}
+
+static void test_tape_of_random_trees_is_sound(void **state)
+{
+	bool seen[OP_COUNT] = {false};
+
+	(void)state;
+	for (uint64_t seed = 0; seed < 300; seed++) {
+		struct random_tree *r = random_tree_create(
+		    &(struct random_tree_options){.seed = seed});
+		struct tape_error error;
+		struct tape *t;
+
+		assert_int_equal(tape_compile(random_tree_get(r), MAX_NODES, &t,
+		    &error), ERR_OK);
+		assert_sound(t);
+		for (size_t i = 0; i < t->insn_count; i++)
+			seen[t->insns[i].op] = true;
+		tape_free(t);
+		random_tree_free(r);
+	}
+	for (int op = 0; op < OP_COUNT; op++)
+		assert_true(seen[op]);
+}
+
+static void test_tape_survives_every_failing_allocation(void **state)
+{
+	struct random_tree *r;
+	struct tape_error error;
+	enum err err;
+	long n = 0;
+
+	(void)state;
+	if (!fail_alloc_available()) {
+		print_message("no failing allocations under a sanitizer\n");
+		skip();
+	}
+	r = random_tree_create(&(struct random_tree_options){.seed = 7});
+	do {
+		struct tape *t = NULL;
+
+		fail_alloc_set(++n);
+		err = tape_compile(random_tree_get(r), MAX_NODES, &t, &error);
+		if (err == ERR_OK)
+			tape_free(t);
+		else
+			assert_null(t);
+		assert_int_equal(fail_alloc_live(), 0);
+		assert_int_equal(err, fail_alloc_happened() ? ERR_MEMORY
+		    : ERR_OK);
+	} while (err != ERR_OK);
+	fail_alloc_set(0);
+	/* the tape, and at least one growth of each of six lists */
+	assert_true(n > 7);
+	random_tree_free(r);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_tape_primitive_is_one_instruction),
+		cmocka_unit_test(test_tape_free_of_null_does_nothing),
+		cmocka_unit_test(test_tape_folds_left_to_right),
+		cmocka_unit_test(
+		    test_tape_orders_are_what_the_root_asks_and_extra),
+		cmocka_unit_test(test_tape_extra_stops_at_two),
+		cmocka_unit_test(test_tape_constant_opening_asks_no_more),
+		cmocka_unit_test(test_tape_sharp_sum_and_ricci_ask_no_more),
+		cmocka_unit_test(test_tape_single_child_is_the_composition),
+		cmocka_unit_test(test_tape_deeper_operand_goes_first),
+		cmocka_unit_test(
+		    test_tape_deeper_child_goes_before_its_siblings_fold),
+		cmocka_unit_test(test_tape_chains_need_two_jets_on_either_side),
+		cmocka_unit_test(
+		    test_tape_balanced_thousand_leaves_need_log_jets),
+		cmocka_unit_test(test_tape_translation_has_frame_and_no_carry),
+		cmocka_unit_test(test_tape_siblings_share_a_frame),
+		cmocka_unit_test(test_tape_frames_compose_and_carries_do_not),
+		cmocka_unit_test(
+		    test_tape_ref_instances_target_with_both_transforms),
+		cmocka_unit_test(test_tape_operators_are_shared),
+		cmocka_unit_test(test_tape_many_operators_keep_their_indices),
+		cmocka_unit_test(
+		    test_tape_table_layouts_are_different_operators),
+		cmocka_unit_test(test_tape_null_gradient_scales_with_the_fields),
+		cmocka_unit_test(test_tape_nested_turns_do_not_stretch),
+		cmocka_unit_test(test_tape_refuses_a_ref_to_its_ancestor),
+		cmocka_unit_test(test_tape_refuses_a_ref_to_itself),
+		cmocka_unit_test(test_tape_refuses_refs_that_meet),
+		cmocka_unit_test(test_tape_node_limit_counts_expanded_nodes),
+		cmocka_unit_test(test_tape_billion_laughs_fail_fast),
+		cmocka_unit_test(test_tape_refuses_nesting_beyond_its_limit),
+		cmocka_unit_test(test_tape_refuses_singular_transforms),
+		cmocka_unit_test(test_tape_refuses_lengths_out_of_range),
+		cmocka_unit_test(test_tape_accepts_lengths_at_the_limits),
+		cmocka_unit_test(test_tape_of_random_trees_is_sound),
+		cmocka_unit_test(test_tape_survives_every_failing_allocation),
+	};
+
+	return cmocka_run_group_tests_name("tape", tests, make_camel, NULL);
+}
