@@ -1,0 +1,317 @@
+/*
+ * Compositions of two jets (core/evaluate.h says the same in float64). All
+ * take and give derivatives up to `order` unless they say otherwise; what lies
+ * beyond is neither read nor written. The result replaces the first operand.
+ */
+
+/*
+ * What a jet is held within before products are formed of it, so that none
+ * overflows and so no NaN arises. Trees keep their lengths within
+ * TREE_LENGTH_MIN..MAX, so gradients stay under about 1e10 and Hessians under
+ * 1e20 times the weights: this bites only beyond any sensible document.
+ */
+#define LIMIT_VALUE 1e18f
+#define LIMIT_GRADIENT 1e13f
+#define LIMIT_HESSIAN 1e30f
+#define LIMIT_COSINE 1e12f
+
+/* NaN becomes -most. */
+static inline struct vec3r vec3r_limit(struct vec3r a, float most)
+{
+	return vec3r(real_clamp(a.x, REAL(-most), REAL(most)),
+	    real_clamp(a.y, REAL(-most), REAL(most)),
+	    real_clamp(a.z, REAL(-most), REAL(most)));
+}
+
+static inline struct sym3r sym3r_limit(struct sym3r a, float most)
+{
+	real least = REAL(-most), top = REAL(most);
+
+	return sym3r(real_clamp(a.xx, least, top),
+	    real_clamp(a.yy, least, top), real_clamp(a.zz, least, top),
+	    real_clamp(a.xy, least, top), real_clamp(a.xz, least, top),
+	    real_clamp(a.yz, least, top));
+}
+
+static inline void jetr_limit(struct jetr *a, int order)
+{
+	a->value = real_clamp(a->value, REAL(0.0f), REAL(LIMIT_VALUE));
+	if (order >= 1)
+		a->gradient = vec3r_limit(a->gradient, LIMIT_GRADIENT);
+	if (order >= 2)
+		a->hessian = sym3r_limit(a->hessian, LIMIT_HESSIAN);
+}
+
+/* a where m holds, b elsewhere. */
+static inline void compose_pick(struct jetr *a, const struct jetr *b, mask m,
+    int order)
+{
+	a->value = SELECT(b->value, a->value, m);
+	if (order >= 1)
+		a->gradient = vec3r_select(b->gradient, a->gradient, m);
+	if (order >= 2)
+		a->hessian = sym3r_select(b->hessian, a->hessian, m);
+}
+
+static inline void compose_max(struct jetr *a, const struct jetr *b, int order)
+{
+	compose_pick(a, b, a->value >= b->value, order);
+}
+
+static inline void compose_min(struct jetr *a, const struct jetr *b, int order)
+{
+	compose_pick(a, b, a->value <= b->value, order);
+}
+
+static inline void compose_sum(struct jetr *a, const struct jetr *b, int order)
+{
+	a->value += b->value;
+	if (order >= 1)
+		a->gradient = vec3r_add(a->gradient, b->gradient);
+	if (order >= 2)
+		a->hessian = sym3r_axpy(REAL(1.0f), b->hessian, a->hessian);
+}
+
+/* a becomes max(0, 1 - a). */
+static inline void compose_complement(struct jetr *a, int order)
+{
+	real value = 1.0f - a->value;
+	real sign = SELECT(REAL(0.0f), REAL(-1.0f), value > 0.0f);
+
+	a->value = real_max(value, REAL(0.0f));
+	if (order >= 1)
+		a->gradient = vec3r_scale(sign, a->gradient);
+	if (order >= 2)
+		a->hessian = sym3r_scale(sign, a->hessian);
+}
+
+/* g(a, b) by the chain rule; the derivatives in theta are left out. */
+static inline void compose_chain(struct jetr *a, const struct jetr *b,
+    const struct opjet *o, int order)
+{
+	a->value = real_max(o->g, REAL(0.0f)); /* tables err either way */
+	if (order >= 2) {
+		struct sym3r h = sym3r_scale(o->g1, a->hessian);
+
+		h = sym3r_axpy(o->g2, b->hessian, h);
+		h = sym3r_axpy(o->g11, sym3r_square(a->gradient), h);
+		h = sym3r_axpy(o->g12,
+		    sym3r_product(a->gradient, b->gradient), h);
+		a->hessian = sym3r_axpy(o->g22, sym3r_square(b->gradient), h);
+	}
+	if (order >= 1)
+		a->gradient = vec3r_axpy(o->g2, b->gradient,
+		    vec3r_scale(o->g1, a->gradient));
+}
+
+/*
+ * Ricci's blend (Gourmel et al. 2013, Eq. 11) of the larger field M and the
+ * smaller m: M q with q = (1 + t)^(1/n), t = r^n, r = m/M, which neither over-
+ * nor underflows. The gradient is q/(1 + t) (M' + (t/r) m'); the Hessian
+ * repeats that form and adds (n-1) t M q/(1+t)^2 d d^T, d = M'/M - m'/m.
+ */
+static void compose_ricci(struct jetr *a, struct jetr *b, float n, int order)
+{
+	struct jetr least = *b;
+	real most, r, t, q, big, small;
+
+	jetr_limit(a, order);
+	jetr_limit(b, order);
+	compose_pick(&least, a, a->value >= b->value, order);
+	compose_max(a, b, order);
+	most = real_max(a->value, REAL(1e-30f));
+	r = real_max(least.value / most, REAL(1e-12f));
+	t = exp2(n * log2(r));
+	q = exp2(log2(1.0f + t) * (1.0f / n));
+	big = q / (1.0f + t);
+	small = big * t / r;
+	if (order >= 2) {
+		struct vec3r d = vec3r_limit(vec3r_axpy(
+		    -1.0f / real_max(least.value, REAL(1e-30f)),
+		    least.gradient, vec3r_scale(1.0f / most, a->gradient)),
+		    LIMIT_COSINE);
+
+		a->hessian = sym3r_axpy(small, least.hessian,
+		    sym3r_scale(big, a->hessian));
+		a->hessian = sym3r_axpy((n - 1.0f) * t * a->value * big /
+		    (1.0f + t), sym3r_square(d), a->hessian);
+	}
+	if (order >= 1)
+		a->gradient = vec3r_axpy(small, least.gradient,
+		    vec3r_scale(big, a->gradient));
+	a->value *= q;
+}
+
+/* The opening at the angle between two gradients. */
+struct angle {
+	real theta;
+	struct vec3r gradient;
+	struct sym3r hessian;  /* without the operands' third derivatives */
+};
+
+/* A gradient's direction, and how far from null it is. */
+struct heading {
+	struct vec3r n;     /* unit vector, or null */
+	real inverse;       /* 1 / norm */
+	real share, slope;  /* S(norm / eps), and S' / eps */
+};
+
+/* S(s) = 6 s^5 - 15 s^4 + 10 s^3, between 0 and 1. */
+static inline struct heading heading(struct vec3r gradient, float null_gradient)
+{
+	struct heading h;
+	real norm = sqrt(vec3r_dot(gradient, gradient));
+	real s = real_min(norm * (1.0f / null_gradient), REAL(1.0f));
+
+	h.inverse = 1.0f / real_max(norm, REAL(1e-18f));
+	h.n = vec3r_scale(h.inverse, gradient);
+	h.share = s * s * s * (s * (s * 6.0f - 15.0f) + 10.0f);
+	h.slope = 30.0f * s * s * (1.0f - s) * (1.0f - s) / null_gradient;
+	return h;
+}
+
+/* h k + k h */
+static inline struct sym3r anticommutator(struct sym3r h, struct sym3r k)
+{
+	struct vec3r hx = vec3r(h.xx, h.xy, h.xz), kx = vec3r(k.xx, k.xy, k.xz);
+	struct vec3r hy = vec3r(h.xy, h.yy, h.yz), ky = vec3r(k.xy, k.yy, k.yz);
+	struct vec3r hz = vec3r(h.xz, h.yz, h.zz), kz = vec3r(k.xz, k.yz, k.zz);
+
+	return sym3r(2.0f * vec3r_dot(hx, kx), 2.0f * vec3r_dot(hy, ky),
+	    2.0f * vec3r_dot(hz, kz), vec3r_dot(hx, ky) + vec3r_dot(kx, hy),
+	    vec3r_dot(hx, kz) + vec3r_dot(kx, hz),
+	    vec3r_dot(hy, kz) + vec3r_dot(ky, hz));
+}
+
+/*
+ * The Hessian of c = n1.n2 but for the operands' third derivatives. With h =
+ * H/|grad f| and u = h n of each it is h1 h2 + h2 h1 - c (h1^2 + h2^2) -
+ * sym(u1 + u2, grad c) + c (u1 - u2)(u1 - u2)^T.
+ */
+static struct sym3r compose_bend(const struct jetr *a, const struct jetr *b,
+    const struct heading *u, const struct heading *v, real c,
+    struct vec3r grad_c)
+{
+	struct sym3r h = sym3r_limit(sym3r_scale(u->inverse, a->hessian),
+	    LIMIT_COSINE);
+	struct sym3r k = sym3r_limit(sym3r_scale(v->inverse, b->hessian),
+	    LIMIT_COSINE);
+	struct vec3r p = sym3r_apply(h, u->n), q = sym3r_apply(k, v->n);
+	/* h1 h2 + h2 h1 - c (h1^2 + h2^2), in two products */
+	struct sym3r r = anticommutator(h, sym3r_axpy(-0.5f * c, h, k));
+
+	r = sym3r_axpy(-0.5f * c, anticommutator(k, k), r);
+	r = sym3r_axpy(REAL(-1.0f), sym3r_product(vec3r_add(p, q), grad_c), r);
+	return sym3r_axpy(c, sym3r_square(vec3r_sub(p, q)), r);
+}
+
+/*
+ * theta goes to its least as either gradient falls under null_gradient. With
+ * derivatives if order >= 1, for which the operands' Hessians are read.
+ */
+static void compose_angle(__global const float *openings,
+    __global const struct operator_desc *desc, float null_gradient,
+    const struct jetr *a, const struct jetr *b, int order, struct angle *out)
+{
+	struct heading u = heading(a->gradient, null_gradient);
+	struct heading v = heading(b->gradient, null_gradient);
+	real share = u.share * v.share;
+	real c = real_clamp(vec3r_dot(u.n, v.n), REAL(-1.0f), REAL(1.0f));
+	real theta, slope, bend, rise;
+
+	opening_lookup(openings, desc, c, &theta, &slope, &bend);
+	rise = theta - desc->theta_least;
+	out->theta = desc->theta_least + rise * share;
+	if (order < 1)
+		return;
+
+	/* grad c = H1 (n2 - c n1) / |grad f1| + H2 (n1 - c n2) / |grad f2| */
+	struct vec3r p = sym3r_apply(a->hessian, vec3r_axpy(-c, u.n, v.n));
+	struct vec3r q = sym3r_apply(b->hessian, vec3r_axpy(-c, v.n, u.n));
+
+	struct vec3r cosine = vec3r_limit(vec3r_axpy(u.inverse, p,
+	    vec3r_scale(v.inverse, q)), LIMIT_COSINE);
+
+	if (order >= 2)
+		out->hessian = sym3r_axpy(share * bend, sym3r_square(cosine),
+		    sym3r_scale(share * slope,
+		    compose_bend(a, b, &u, &v, c, cosine)));
+
+	/* grad |grad f| = H n */
+	p = vec3r_scale(u.slope * v.share, sym3r_apply(a->hessian, u.n));
+	q = vec3r_scale(v.slope * u.share, sym3r_apply(b->hessian, v.n));
+	out->gradient = vec3r_limit(vec3r_axpy(share * slope, cosine,
+	    vec3r_scale(rise, vec3r_add(p, q))), LIMIT_COSINE);
+}
+
+/* Adds what theta brings to the result's derivatives. */
+static inline void compose_turn(struct jetr *out, struct vec3r first,
+    struct vec3r second, const struct opjet *o, const struct angle *angle,
+    int order)
+{
+	if (order >= 1)
+		out->gradient = vec3r_axpy(o->gt, angle->gradient,
+		    out->gradient);
+	if (order >= 2) {
+		struct vec3r mixed = vec3r_axpy(o->g2t, second,
+		    vec3r_scale(o->g1t, first));
+
+		out->hessian = sym3r_axpy(REAL(1.0f),
+		    sym3r_product(mixed, angle->gradient), out->hessian);
+		out->hessian = sym3r_axpy(o->gtt,
+		    sym3r_square(angle->gradient), out->hessian);
+		out->hessian = sym3r_axpy(o->gt, angle->hessian, out->hessian);
+	}
+}
+
+static inline void compose_zero(struct jetr *a, int order)
+{
+	a->value = REAL(0.0f);
+	if (order >= 1)
+		a->gradient = vec3r(REAL(0.0f), REAL(0.0f), REAL(0.0f));
+	if (order >= 2)
+		a->hessian = sym3r_identity(REAL(0.0f));
+}
+
+/*
+ * A gradient-based composition (Gourmel et al. 2013, Eq. 29, all three terms);
+ * the Hessian leaves out the third derivatives. The operands carry one order
+ * more than `order`, up to 2, unless the opening is constant.
+ */
+static void compose_blend(TABLE_ARGS, __global const float *openings,
+    __global const struct operator_desc *desc, uint op, float null_gradient,
+    struct jetr *a, struct jetr *b, int order)
+{
+	int deep = desc->is_constant ? order : min(order + 1, 2);
+	struct vec3r first;
+	struct angle angle;
+	struct opjet o;
+
+	/* Operators are symmetric, so the intersection's order is of no
+	 * account. */
+	if (op == OP_DIFFERENCE)
+		compose_complement(b, deep);
+	if (op == OP_DIFFERENCE_SWAPPED)
+		compose_complement(a, deep);
+
+	/* Where either is 0 so is an intersection, and a union is the other. */
+	if (!ANY(a->value > 0.0f && b->value > 0.0f)) {
+		if (desc->family == DESCRIPTOR_UNION)
+			compose_max(a, b, order);
+		else
+			compose_zero(a, order);
+		return;
+	}
+	jetr_limit(a, deep);
+	jetr_limit(b, deep);
+	angle.theta = REAL(desc->theta);
+	if (!desc->is_constant)
+		compose_angle(openings, desc, null_gradient, a, b, order,
+		    &angle);
+	operator_lookup(TABLE_PASS, desc, a->value, b->value, angle.theta,
+	    order, &o);
+	first = a->gradient;
+	compose_chain(a, b, &o, order);
+	if (!desc->is_constant)
+		compose_turn(a, first, b->gradient, &o, &angle, order);
+}

@@ -1,0 +1,216 @@
+#include "kernels/device_internal.h"
+
+#include <assert.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/output.h"
+#include "core/tape.h"
+#include "kernels/source.h"
+
+#define TABLE_BYTES ((size_t)256 << 20)
+
+/* Floats of the widest row: value, gradient and Hessian. */
+#define ROW_FLOATS 10
+
+/*
+ * Work-items of a work-group. A processor's take BLOCK_CPU * width points each,
+ * so a group of one is 64 points, in 21 us; groups of 4 and 16 take 30 and 80 us
+ * for one point of 50 primitives, and none is faster on many.
+ */
+#define GROUP_CPU 1
+#define GROUP_OTHER 64
+
+/*
+ * Vectors of points that a work-item takes at once. 50 point primitives under
+ * sum, width 16, in core-ns a point for 1, 2 and 4 vectors: value 50, 46, 28;
+ * value and gradient 64, 52, 40 to 50; camel does not care.
+ */
+#define BLOCK_CPU 4
+#define BLOCK_OTHER 1
+
+/* Points that go through the device's own buffers at once: few where larger
+ * pieces need no copy, many where each piece is a transfer. */
+#define STAGED_CPU 4096
+#define STAGED_OTHER 65536
+
+static bool is_width(int width)
+{
+	return width == 1 || width == 2 || width == 4 || width == 8 ||
+	    width == 16;
+}
+
+static bool is_cpu(cl_device_id id)
+{
+	cl_device_type type = 0;
+
+	clGetDeviceInfo(id, CL_DEVICE_TYPE, sizeof(type), &type, NULL);
+	return (type & CL_DEVICE_TYPE_CPU) != 0;
+}
+
+/* What the options leave to us. */
+static enum err choose(struct device *d, const struct device_options *options)
+{
+	bool cpu = is_cpu(d->id);
+
+	d->info.width = options->width ? options->width : cpu ? 16 : 1;
+	if (!is_width(d->info.width))
+		return device_refuse(&d->failure, ERR_INVALID,
+		    "width %d is not 1, 2, 4, 8 or 16", d->info.width);
+	if (options->tables == DEVICE_TABLES_IMAGE && !d->info.has_images)
+		return device_refuse(&d->failure, ERR_INVALID,
+		    "device \"%s\" has no images", d->info.name);
+	d->info.tables_are_images = options->tables == DEVICE_TABLES_IMAGE ||
+	    (options->tables == DEVICE_TABLES_AUTO && d->info.is_gpu &&
+	    d->info.has_images);
+	d->group = cpu ? GROUP_CPU : GROUP_OTHER;
+	d->block = cpu ? BLOCK_CPU : BLOCK_OTHER;
+	d->item_points = (size_t)(d->block * d->info.width);
+	d->group_points = d->group * d->item_points;
+	d->shares_memory = cpu;
+	d->staged_points = cpu ? STAGED_CPU : STAGED_OTHER;
+	return ERR_OK;
+}
+
+static enum err create_buffer(struct device *d, size_t floats, cl_mem *out)
+{
+	cl_int code;
+
+	*out = clCreateBuffer(d->context, CL_MEM_READ_WRITE |
+	    CL_MEM_ALLOC_HOST_PTR, floats * sizeof(float), NULL, &code);
+	if (!*out)
+		return device_fail(&d->failure, "clCreateBuffer for a batch",
+		    code);
+	return ERR_OK;
+}
+
+static enum err create_queue(struct device *d)
+{
+	cl_int code;
+
+	d->context = clCreateContext(NULL, 1, &d->id, NULL, NULL, &code);
+	if (!d->context)
+		return device_fail(&d->failure, "clCreateContext", code);
+	d->queue = clCreateCommandQueue(d->context, d->id, 0, &code);
+	if (!d->queue)
+		return device_fail(&d->failure, "clCreateCommandQueue", code);
+	return ERR_OK;
+}
+
+static enum err create_kernel(struct device *d)
+{
+	char options[96];
+	cl_int code;
+	enum err err;
+
+	snprintf(options, sizeof(options), "-cl-std=CL1.2 -DWIDTH=%d "
+	    "-DBLOCK=%d%s", d->info.width, d->block,
+	    d->info.tables_are_images ? " -DTABLES_IMAGE" : "");
+	err = device_build(d->context, d->id, kernels_source, options,
+	    &d->program, &d->failure);
+	if (err)
+		return err;
+	d->kernel = clCreateKernel(d->program, "evaluate", &code);
+	if (!d->kernel)
+		return device_fail(&d->failure, "clCreateKernel", code);
+	return ERR_OK;
+}
+
+/* PoCL compiles a kernel at its first launch: a unit ball at one point. */
+static enum err warm_up(struct device *d)
+{
+	struct insn insn = {OP_SPHERE, 0, 0, 0};
+	double params[5] = {0.0, 0.0, 0.0, 1.0, 1.0};
+	const struct tape tape = {.insns = &insn, .insn_count = 1,
+		.params = params, .param_count = 5, .primitive_count = 1,
+		.node_count = 1, .stack_depth = 1};
+	const float point[3] = {1.0f, 0.0f, 0.0f};
+	struct device_tape *t;
+	float value = 0.0f;
+	enum err err = device_load_tape(d, &tape, NULL, &t);
+
+	if (err)
+		return err;
+	err = device_evaluate(d, t, point, 1, OUTPUT_VALUE, &value, NULL, NULL);
+	device_drop_tape(d, t);
+	if (!err && value != 0.5f)
+		return device_refuse(&d->failure, ERR_DEVICE, "the device "
+		    "computes %g where the field is 0.5", (double)value);
+	return err;
+}
+
+static enum err open_device(struct device *d,
+    const struct device_options *options)
+{
+	enum err err = device_select(options->select, &d->id, &d->info,
+	    &d->failure);
+
+	if (!err)
+		err = choose(d, options);
+	if (!err)
+		err = create_queue(d);
+	if (!err)
+		err = create_kernel(d);
+	if (!err)
+		err = create_buffer(d, d->staged_points * 3, &d->points);
+	if (!err)
+		err = create_buffer(d, d->staged_points * ROW_FLOATS, &d->rows);
+	if (!err)
+		err = device_store_init(d, options->table_bytes ?
+		    options->table_bytes : TABLE_BYTES);
+	if (!err)
+		err = warm_up(d);
+	return err;
+}
+
+enum err device_open(const struct device_options *options, struct device **out,
+    struct device_failure *failure)
+{
+	struct device *d = calloc(1, sizeof(*d));
+	enum err err;
+
+	if (!d)
+		return ERR_MEMORY;
+	err = open_device(d, options);
+	if (err) {
+		device_failure_fini(failure);
+		*failure = d->failure;
+		memset(&d->failure, 0, sizeof(d->failure));
+		device_close(d);
+		return err;
+	}
+	*out = d;
+	return ERR_OK;
+}
+
+void device_close(struct device *d)
+{
+	if (!d)
+		return;
+	device_store_fini(&d->tables);
+	if (d->rows)
+		clReleaseMemObject(d->rows);
+	if (d->points)
+		clReleaseMemObject(d->points);
+	if (d->kernel)
+		clReleaseKernel(d->kernel);
+	if (d->program)
+		clReleaseProgram(d->program);
+	if (d->queue)
+		clReleaseCommandQueue(d->queue);
+	if (d->context)
+		clReleaseContext(d->context);
+	device_failure_fini(&d->failure);
+	free(d);
+}
+
+const struct device_info *device_get_info(const struct device *d)
+{
+	return &d->info;
+}
+
+const char *device_message(const struct device *d)
+{
+	return d->failure.message;
+}

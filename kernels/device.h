@@ -1,0 +1,114 @@
+/*
+ * An OpenCL device that evaluates tapes. The only module that calls cl*.
+ *
+ * Thread contract: a struct device and everything made from it belong to one
+ * thread at a time; the caller serialises. Different devices are independent.
+ */
+#ifndef KERNELS_DEVICE_H
+#define KERNELS_DEVICE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "core/err.h"
+
+struct device;
+struct device_tape;
+struct table;
+struct tape;
+
+/* Where operator tables lie on the device. */
+enum device_tables {
+	DEVICE_TABLES_AUTO,   /* images on a GPU that has them, else buffers */
+	DEVICE_TABLES_BUFFER,
+	DEVICE_TABLES_IMAGE
+};
+
+struct device_options {
+	/* NULL or "": the first GPU, else the first device of any kind. Else an
+	 * index of device_list, or part of a name ("pocl", "NVIDIA"), case
+	 * ignored. */
+	const char *select;
+	int width;                 /* points a work-item: 1 2 4 8 16; 0 chooses */
+	enum device_tables tables;
+	size_t table_bytes;        /* most for operator tables; 0: 256 MiB */
+};
+
+struct device_info {
+	char name[128], vendor[128], version[128], driver[64];
+	bool is_gpu;
+	bool has_images;
+	int width;                /* chosen; 0 in device_list */
+	bool tables_are_images;   /* chosen */
+	unsigned compute_units;
+	size_t memory_bytes;
+};
+
+/*
+ * Text of what went wrong, for a person: the call, the OpenCL error's name, a
+ * build log. Owned by the caller; start with {0}.
+ */
+struct device_failure {
+	char message[512];
+	char *build_log; /* malloc'd, or NULL */
+};
+void device_failure_fini(struct device_failure *failure);
+
+/*
+ * Calls each once for every device of every platform, with its index.
+ * ERR_NOT_FOUND: no platform, or none with a device; the message says what to
+ * install or mend (an unwritable PoCL cache directory hides its device).
+ */
+enum err device_list(void (*each)(void *ctx, int index,
+    const struct device_info *info), void *ctx, struct device_failure *failure);
+
+/*
+ * Opens a device, builds the kernels and launches each once, so that nothing
+ * compiles later. ERR_NOT_FOUND, ERR_DEVICE, ERR_DEVICE_BUILD (with the log),
+ * ERR_MEMORY; ERR_INVALID: a width that is none, or images where there are
+ * none. On success *out is the caller's.
+ */
+enum err device_open(const struct device_options *options, struct device **out,
+    struct device_failure *failure);
+
+/* Releases everything; what was loaded into it goes with it. NULL does nothing. */
+void device_close(struct device *d);
+
+const struct device_info *device_get_info(const struct device *d);
+
+/* The text of the last call that failed. */
+const char *device_message(const struct device *d);
+
+/* Bytes of operator tables resident, and the most there may be. */
+size_t device_table_bytes(const struct device *d, size_t *most);
+
+/*
+ * Makes a complete table resident; *slot names it until device_drop_table.
+ * ERR_DEVICE_MEMORY: no room; drop another first. ERR_DEVICE.
+ */
+enum err device_load_table(struct device *d, const struct table *table,
+    int *slot);
+void device_drop_table(struct device *d, int slot);
+
+/*
+ * Uploads a tape. slots[i] is the resident table of tape->operators[i]; they
+ * stay resident while the result lives. The tape may be freed afterwards.
+ * ERR_DEVICE_MEMORY, ERR_DEVICE, ERR_MEMORY. ERR_INVALID: a tape that
+ * tape_compile would not make, or a slot that does not suit its operator.
+ */
+enum err device_load_tape(struct device *d, const struct tape *tape,
+    const int *slots, struct device_tape **out);
+void device_drop_tape(struct device *d, struct device_tape *t);
+
+/*
+ * Evaluates t at count points (xyz, finite, world units) and writes a row of
+ * output_row_floats(outputs) floats each to rows (core/output.h). Any count;
+ * pieces of bounded size go through the device. go_on, if not NULL, is asked
+ * before each piece; false ends with ERR_CANCELLED. ERR_DEVICE,
+ * ERR_DEVICE_MEMORY. Every number written is finite.
+ */
+enum err device_evaluate(struct device *d, struct device_tape *t,
+    const float *points, size_t count, unsigned outputs, float *rows,
+    bool (*go_on)(void *ctx), void *ctx);
+
+#endif

@@ -1,0 +1,117 @@
+/*
+ * What the files kernels/device_*.c share. Nobody else includes this, but for
+ * the device's own tests.
+ */
+#ifndef KERNELS_DEVICE_INTERNAL_H
+#define KERNELS_DEVICE_INTERNAL_H
+
+#include <stdint.h>
+
+#include <CL/cl.h>
+
+#include "core/descriptor.h"
+#include "kernels/device.h"
+
+/* A stretch of an arena, in floats. */
+struct device_span {
+	size_t at, size;
+};
+
+/* One device buffer, shared out first-fit. Spans are those in use, in order. */
+struct device_arena {
+	cl_mem buffer;
+	size_t size;
+	struct device_span *spans;
+	size_t count, capacity;
+};
+
+/* A resident table. */
+struct device_slot {
+	bool used;
+	struct operator_desc desc; /* but for the opening's members */
+	struct device_span span;   /* in the arena */
+	unsigned tiles;            /* images: bit i for tile i of each slice */
+	size_t bytes;
+};
+
+/*
+ * Operator tables. Buffers: everything is in the arena. Images: only the
+ * curves are, nodes are in two atlases of `depth` slices of four tiles.
+ */
+struct device_store {
+	bool are_images;
+	struct device_arena arena;
+	cl_mem first, second;
+	size_t depth;
+	unsigned char *taken; /* per slice: the tiles in use */
+	struct device_slot *slots;
+	size_t slot_count;
+	size_t bytes, most;
+};
+
+struct device {
+	struct device_info info;
+	struct device_failure failure;
+	cl_device_id id;
+	cl_context context;
+	cl_command_queue queue;
+	cl_program program;
+	cl_kernel kernel;
+	size_t group;          /* work-items of a work-group */
+	int block;             /* vectors of points of a work-item */
+	size_t item_points;    /* points of a work-item, of a work-group */
+	size_t group_points;
+	bool shares_memory;    /* kernels read and write the host's arrays */
+	size_t staged_points;  /* what the two buffers below hold */
+	cl_mem points, rows;
+	struct device_store tables;
+};
+
+struct device_tape {
+	cl_mem insns, params, descs, openings;
+	uint32_t insn_count;
+};
+
+/* device_failure.c */
+
+/* The name of an OpenCL error code, never NULL. */
+const char *device_code_name(cl_int code);
+
+/*
+ * Puts "call: name" into failure and returns the err of code: out of memory is
+ * ERR_DEVICE_MEMORY or ERR_MEMORY, all else ERR_DEVICE.
+ */
+enum err device_fail(struct device_failure *failure, const char *call,
+    cl_int code);
+
+/* Puts text (as printf) into failure and returns err. */
+__attribute__((format(printf, 3, 4)))
+enum err device_refuse(struct device_failure *failure, enum err err,
+    const char *format, ...);
+
+/* device_select.c */
+
+/* The device that select names, and what is known of it. */
+enum err device_select(const char *select, cl_device_id *id,
+    struct device_info *info, struct device_failure *failure);
+
+/* device_build.c */
+
+/*
+ * Builds source for id. ERR_DEVICE_BUILD leaves the compiler's log in
+ * failure->build_log. *out is the caller's.
+ */
+enum err device_build(cl_context context, cl_device_id id, const char *source,
+    const char *options, cl_program *out, struct device_failure *failure);
+
+/* device_store.c */
+
+enum err device_store_init(struct device *d, size_t bytes);
+void device_store_fini(struct device_store *t);
+
+/* First-fit; false if there is no gap of that size or the host has no memory. */
+bool device_arena_take(struct device_arena *arena, size_t size,
+    struct device_span *out);
+void device_arena_give(struct device_arena *arena, struct device_span span);
+
+#endif

@@ -1,0 +1,225 @@
+/*
+ * The interpreter: walks a tape (core/opcode.h) at BLOCK times WIDTH points a
+ * work-item.
+ */
+#ifndef BLOCK
+#define BLOCK 1
+#endif
+
+/*
+ * p, or if it is out of reach the point on its ray that is not. POINT_REACH
+ * says why.
+ */
+static inline struct vec3r draw_in(struct vec3r p)
+{
+	real far = real_max(fabs(p.x), real_max(fabs(p.y), fabs(p.z)));
+	mask beyond = far > POINT_REACH;
+	struct vec3r ray;
+
+	if (!ANY(beyond))
+		return p;
+	ray = vec3r(POINT_REACH * (p.x / far), POINT_REACH * (p.y / far),
+	    POINT_REACH * (p.z / far));
+	return vec3r_select(p, ray, beyond);
+}
+
+static inline struct vec3r enter_frame(__global const float *m,
+    struct vec3r p)
+{
+	return draw_in(vec3r(m[0] * p.x + m[1] * p.y + m[2] * p.z + m[9],
+	    m[3] * p.x + m[4] * p.y + m[5] * p.z + m[10],
+	    m[6] * p.x + m[7] * p.y + m[8] * p.z + m[11]));
+}
+
+/* a^T v */
+static inline struct vec3r pull_vector(__global const float *a, struct vec3r v)
+{
+	return vec3r(a[0] * v.x + a[3] * v.y + a[6] * v.z,
+	    a[1] * v.x + a[4] * v.y + a[7] * v.z,
+	    a[2] * v.x + a[5] * v.y + a[8] * v.z);
+}
+
+/* a^T g and a^T H a */
+static void carry(__global const float *a, struct jetr *f, int order)
+{
+	jetr_limit(f, order);
+	if (order >= 1)
+		f->gradient = pull_vector(a, f->gradient);
+	if (order >= 2) {
+		struct sym3r h = f->hessian;
+		/* the rows of a^T H, H's rows being its columns */
+		struct vec3r x = pull_vector(a, vec3r(h.xx, h.xy, h.xz));
+		struct vec3r y = pull_vector(a, vec3r(h.xy, h.yy, h.yz));
+		struct vec3r z = pull_vector(a, vec3r(h.xz, h.yz, h.zz));
+		struct vec3r p = pull_vector(a, vec3r(x.x, y.x, z.x));
+		struct vec3r q = pull_vector(a, vec3r(x.y, y.y, z.y));
+		struct vec3r r = pull_vector(a, vec3r(x.z, y.z, z.z));
+
+		f->hessian = sym3r(p.x, q.y, r.z, p.y, p.z, q.z);
+	}
+	jetr_limit(f, order);
+}
+
+/* The arithmetic compositions. */
+static void compose_plain(uint op, float n, struct jetr *a, struct jetr *b,
+    int order)
+{
+	switch (op) {
+	case OP_MAX:
+		compose_max(a, b, order);
+		break;
+	case OP_MIN:
+		compose_min(a, b, order);
+		break;
+	case OP_MINUS:
+		compose_complement(b, order);
+		compose_min(a, b, order);
+		break;
+	case OP_MINUS_SWAPPED:
+		compose_complement(a, order);
+		compose_min(b, a, order);
+		*a = *b;
+		break;
+	case OP_SUM:
+		compose_sum(a, b, order);
+		break;
+	case OP_RICCI:
+		compose_ricci(a, b, n, order);
+		break;
+	}
+}
+
+/* WIDTH points, stored one after the other. */
+static inline struct vec3r load_points(__global const float *points)
+{
+#if WIDTH == 1
+	return vec3r_load(points);
+#else
+	float x[WIDTH], y[WIDTH], z[WIDTH];
+
+	for (int l = 0; l < WIDTH; l++) {
+		x[l] = points[3 * l];
+		y[l] = points[3 * l + 1];
+		z[l] = points[3 * l + 2];
+	}
+	return vec3r(LOAD(0, x), LOAD(0, y), LOAD(0, z));
+#endif
+}
+
+/*
+ * Every number written is finite, by a last clamp to +-FLT_MAX, which would make
+ * NaN -FLT_MAX; the limits of jets should leave it nothing to do. Nor is it -0,
+ * whose sign could tell which points shared a work-item.
+ */
+static inline real finite(real x)
+{
+	return real_clamp(x, REAL(-FLT_MAX), REAL(FLT_MAX)) + 0.0f;
+}
+
+/* Writes the columns of WIDTH rows. */
+static inline void store_columns(const real *column, int count,
+    __global float *row)
+{
+#if WIDTH == 1
+	for (int k = 0; k < count; k++)
+		row[k] = finite(column[k]);
+#else
+	float lane[10][WIDTH];
+
+	for (int k = 0; k < count; k++)
+		STORE(finite(column[k]), 0, lane[k]);
+	for (int l = 0; l < WIDTH; l++)
+		for (int k = 0; k < count; k++)
+			*row++ = lane[k][l];
+#endif
+}
+
+static inline void store_rows(const struct jetr *f, uint outputs,
+    __global float *row)
+{
+	real column[10];
+	int count = 0;
+
+	if (outputs == (OUTPUT_VALUE | OUTPUT_GRADIENT)) {
+		/* The commonest, so that the counts are constants. */
+		column[0] = f->value;
+		column[1] = f->gradient.x;
+		column[2] = f->gradient.y;
+		column[3] = f->gradient.z;
+		store_columns(column, 4, row);
+		return;
+	}
+	if (outputs & OUTPUT_VALUE)
+		column[count++] = f->value;
+	if (outputs & OUTPUT_GRADIENT) {
+		column[count++] = f->gradient.x;
+		column[count++] = f->gradient.y;
+		column[count++] = f->gradient.z;
+	}
+	if (outputs & OUTPUT_HESSIAN) {
+		column[count++] = f->hessian.xx;
+		column[count++] = f->hessian.yy;
+		column[count++] = f->hessian.zz;
+		column[count++] = f->hessian.xy;
+		column[count++] = f->hessian.xz;
+		column[count++] = f->hessian.yz;
+	}
+	store_columns(column, count, row);
+}
+
+/*
+ * Every work-item evaluates BLOCK times WIDTH points, so that the instructions'
+ * decoding is shared and independent arithmetic overlaps. The host pads points
+ * and rows to whole work-groups, and has checked the tape: nothing here does.
+ */
+__kernel void evaluate(TABLE_ARGS, __global const float *openings,
+    __global const struct operator_desc *descs,
+    __global const struct insn *insns, uint insn_count,
+    __global const float *params, uint outputs,
+    __global const float *points, __global float *rows)
+{
+	size_t first = get_global_id(0) * (BLOCK * WIDTH);
+	uint stride = (uint)output_row_floats(outputs);
+	int root_order = output_order(outputs);
+	struct vec3r world[BLOCK], x[BLOCK];
+	struct jetr stack[BLOCK][TAPE_STACK_MAX];
+	uint top = 0;
+
+	for (int b = 0; b < BLOCK; b++) {
+		world[b] = draw_in(load_points(points +
+		    (first + b * WIDTH) * 3));
+		x[b] = world[b];
+	}
+	for (uint i = 0; i < insn_count; i++) {
+		struct insn insn = insns[i];
+		__global const float *p = params + insn.param;
+		int order = min(root_order + (int)insn.extra, 2);
+
+		if (insn.op == OP_FRAME) {
+			for (int b = 0; b < BLOCK; b++)
+				x[b] = enter_frame(p, world[b]);
+		} else if (insn.op == OP_CARRY) {
+			for (int b = 0; b < BLOCK; b++)
+				carry(p, &stack[b][top - 1], order);
+		} else if (insn.op < OP_MAX) {
+			for (int b = 0; b < BLOCK; b++)
+				primitive_eval(insn.op, p, x[b], order,
+				    &stack[b][top]);
+			top++;
+		} else if (insn.op < OP_UNION) {
+			top--;
+			for (int b = 0; b < BLOCK; b++)
+				compose_plain(insn.op, p[0],
+				    &stack[b][top - 1], &stack[b][top], order);
+		} else {
+			top--;
+			for (int b = 0; b < BLOCK; b++)
+				compose_blend(TABLE_PASS, openings,
+				    descs + insn.index, insn.op, p[0],
+				    &stack[b][top - 1], &stack[b][top], order);
+		}
+	}
+	for (int b = 0; b < BLOCK; b++)
+		store_rows(&stack[b][0], outputs, rows +
+		    (first + b * WIDTH) * stride);
+}

@@ -1,0 +1,181 @@
+/*
+ * Types of the kernels: WIDTH points travel together, one a lane. WIDTH is a
+ * build option (1 2 4 8 16); everything below works alike for all of them.
+ *
+ * Comparisons of reals give masks: 1 in a scalar, -1 in a vector's lane, 0 for
+ * false. Combine masks with & | && || and !, never with ~, and turn them into
+ * numbers with SELECT only.
+ */
+#ifndef WIDTH
+#define WIDTH 1
+#endif
+
+#define PASTE_TOKENS(a, b) a##b
+#define PASTE(a, b) PASTE_TOKENS(a, b)
+
+#if WIDTH == 1
+typedef float real;
+typedef int mask;
+#define ANY(m) (m)
+#define ALL(m) (m)
+/* Lanes i WIDTH ... of an array of float. */
+#define LOAD(i, pointer) ((pointer)[i])
+#define STORE(value, i, pointer) ((pointer)[i] = (value))
+#define TO_INT(x) convert_int(x)
+#define TO_REAL(m) convert_float(m)
+#else
+typedef PASTE(float, WIDTH) real;
+typedef PASTE(int, WIDTH) mask;
+#define ANY(m) any(m)
+#define ALL(m) all(m)
+#define LOAD(i, pointer) PASTE(vload, WIDTH)(i, pointer)
+#define STORE(value, i, pointer) PASTE(vstore, WIDTH)(value, i, pointer)
+#define TO_INT(x) PASTE(convert_int, WIDTH)(x)
+#define TO_REAL(m) PASTE(convert_float, WIDTH)(m)
+#endif
+
+/* x in every lane. */
+#define REAL(x) ((real)(x))
+#define INT(x) ((mask)(x))
+
+/* yes where m holds, no elsewhere; yes and no are real, or both mask. */
+#define SELECT(no, yes, m) ((m) ? (yes) : (no))
+
+struct vec3r {
+	real x, y, z;
+};
+
+struct sym3r {
+	real xx, yy, zz, xy, xz, yz;
+};
+
+struct jetr {
+	real value;
+	struct vec3r gradient;
+	struct sym3r hessian;
+};
+
+/* Selects, since fmax and fmin stop PoCL's vectoriser in large kernels. */
+static inline real real_max(real a, real b)
+{
+	return SELECT(b, a, a > b);
+}
+
+static inline real real_min(real a, real b)
+{
+	return SELECT(b, a, a < b);
+}
+
+static inline real real_clamp(real x, real least, real most)
+{
+	return real_min(real_max(x, least), most);
+}
+
+static inline struct vec3r vec3r(real x, real y, real z)
+{
+	struct vec3r v = {x, y, z};
+
+	return v;
+}
+
+/* The same vector, stored as three floats, in every lane. */
+static inline struct vec3r vec3r_load(__global const float *p)
+{
+	return vec3r(REAL(p[0]), REAL(p[1]), REAL(p[2]));
+}
+
+static inline struct vec3r vec3r_add(struct vec3r a, struct vec3r b)
+{
+	return vec3r(a.x + b.x, a.y + b.y, a.z + b.z);
+}
+
+static inline struct vec3r vec3r_sub(struct vec3r a, struct vec3r b)
+{
+	return vec3r(a.x - b.x, a.y - b.y, a.z - b.z);
+}
+
+static inline struct vec3r vec3r_scale(real s, struct vec3r a)
+{
+	return vec3r(s * a.x, s * a.y, s * a.z);
+}
+
+/* a + s b */
+static inline struct vec3r vec3r_axpy(real s, struct vec3r b, struct vec3r a)
+{
+	return vec3r(a.x + s * b.x, a.y + s * b.y, a.z + s * b.z);
+}
+
+static inline real vec3r_dot(struct vec3r a, struct vec3r b)
+{
+	return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+static inline struct vec3r vec3r_cross(struct vec3r a, struct vec3r b)
+{
+	return vec3r(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z,
+	    a.x * b.y - a.y * b.x);
+}
+
+static inline struct vec3r vec3r_select(struct vec3r no, struct vec3r yes,
+    mask m)
+{
+	return vec3r(SELECT(no.x, yes.x, m), SELECT(no.y, yes.y, m),
+	    SELECT(no.z, yes.z, m));
+}
+
+static inline struct sym3r sym3r(real xx, real yy, real zz, real xy, real xz,
+    real yz)
+{
+	struct sym3r a = {xx, yy, zz, xy, xz, yz};
+
+	return a;
+}
+
+/* The identity times s. */
+static inline struct sym3r sym3r_identity(real s)
+{
+	return sym3r(s, s, s, REAL(0.0f), REAL(0.0f), REAL(0.0f));
+}
+
+static inline struct sym3r sym3r_scale(real s, struct sym3r a)
+{
+	return sym3r(s * a.xx, s * a.yy, s * a.zz, s * a.xy, s * a.xz,
+	    s * a.yz);
+}
+
+/* a + s b */
+static inline struct sym3r sym3r_axpy(real s, struct sym3r b, struct sym3r a)
+{
+	return sym3r(a.xx + s * b.xx, a.yy + s * b.yy, a.zz + s * b.zz,
+	    a.xy + s * b.xy, a.xz + s * b.xz, a.yz + s * b.yz);
+}
+
+/* u u^T */
+static inline struct sym3r sym3r_square(struct vec3r u)
+{
+	return sym3r(u.x * u.x, u.y * u.y, u.z * u.z, u.x * u.y, u.x * u.z,
+	    u.y * u.z);
+}
+
+/* u v^T + v u^T */
+static inline struct sym3r sym3r_product(struct vec3r u, struct vec3r v)
+{
+	return sym3r(2.0f * u.x * v.x, 2.0f * u.y * v.y, 2.0f * u.z * v.z,
+	    u.x * v.y + u.y * v.x, u.x * v.z + u.z * v.x,
+	    u.y * v.z + u.z * v.y);
+}
+
+static inline struct vec3r sym3r_apply(struct sym3r a, struct vec3r u)
+{
+	return vec3r(a.xx * u.x + a.xy * u.y + a.xz * u.z,
+	    a.xy * u.x + a.yy * u.y + a.yz * u.z,
+	    a.xz * u.x + a.yz * u.y + a.zz * u.z);
+}
+
+static inline struct sym3r sym3r_select(struct sym3r no, struct sym3r yes,
+    mask m)
+{
+	return sym3r(SELECT(no.xx, yes.xx, m), SELECT(no.yy, yes.yy, m),
+	    SELECT(no.zz, yes.zz, m), SELECT(no.xy, yes.xy, m),
+	    SELECT(no.xz, yes.xz, m), SELECT(no.yz, yes.yz, m));
+}

@@ -1,0 +1,303 @@
+/*
+ * The device against the float64 evaluator, on random trees of every node
+ * type and operator, at every output order.
+ */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "core/evaluate.h"
+#include "core/output.h"
+#include "core/table.h"
+#include "core/tape.h"
+#include "core/tree.h"
+#include "kernels/device.h"
+#include "tests/support/random_tree.h"
+
+#define TREES 200
+#define POINTS 1000
+#define TABLES_MAX 64
+#define ALL_OUTPUTS (OUTPUT_VALUE | OUTPUT_GRADIENT | OUTPUT_HESSIAN)
+
+/* Tables loaded so far; every kind of operator is built once. */
+struct loaded {
+	struct device *device;
+	struct operator ops[TABLES_MAX];
+	int slots[TABLES_MAX];
+	int count;
+};
+
+static struct loaded loaded;
+
+static bool same_table(const struct operator *a, const struct operator *b)
+{
+	return a->family == b->family && a->layout == b->layout &&
+	    a->resolution == b->resolution &&
+	    profile_equal(&a->profile, &b->profile);
+}
+
+static int slot_of(const struct operator *op)
+{
+	struct table *table;
+
+	for (int i = 0; i < loaded.count; i++)
+		if (same_table(loaded.ops + i, op))
+			return loaded.slots[i];
+	assert_true(loaded.count < TABLES_MAX);
+	assert_int_equal(table_create(op->family, &op->profile, op->layout,
+	    op->resolution, &table), ERR_OK);
+	table_build(table, 0, op->resolution);
+	assert_int_equal(device_load_table(loaded.device, table,
+	    loaded.slots + loaded.count), ERR_OK);
+	table_free(table);
+	loaded.ops[loaded.count] = *op;
+	return loaded.slots[loaded.count++];
+}
+
+static struct device_tape *load(const struct tape *tape)
+{
+	int *slots = calloc(tape->operator_count + 1, sizeof(*slots));
+	struct device_tape *t = NULL;
+
+	assert_non_null(slots);
+	for (size_t i = 0; i < tape->operator_count; i++)
+		slots[i] = slot_of(tape->operators + i);
+	assert_int_equal(device_load_tape(loaded.device, tape, slots, &t),
+	    ERR_OK);
+	free(slots);
+	return t;
+}
+
+/* A tree with its tape, points and the device's rows. */
+struct sample {
+	struct random_tree *tree;
+	struct tape *tape;
+	struct device_tape *device_tape;
+	float *xyz, *rows;
+};
+
+static struct sample sample_create(const struct random_tree_options *o)
+{
+	struct sample s = {.tree = random_tree_create(o)};
+	struct tape_error error;
+
+	assert_int_equal(tape_compile(random_tree_get(s.tree), 1000, &s.tape,
+	    &error), ERR_OK);
+	s.xyz = malloc(POINTS * 3 * sizeof(*s.xyz));
+	s.rows = malloc(POINTS * 10 * sizeof(*s.rows));
+	assert_non_null(s.xyz);
+	assert_non_null(s.rows);
+	random_tree_points(s.tree, s.tape, o->seed, POINTS, s.xyz);
+	s.device_tape = load(s.tape);
+	return s;
+}
+
+static void sample_free(struct sample *s)
+{
+	device_drop_tape(loaded.device, s->device_tape);
+	free(s->rows);
+	free(s->xyz);
+	tape_free(s->tape);
+	random_tree_free(s->tree);
+}
+
+static void run(struct sample *s, unsigned outputs)
+{
+	assert_int_equal(device_evaluate(loaded.device, s->device_tape, s->xyz,
+	    POINTS, outputs, s->rows, NULL, NULL), ERR_OK);
+}
+
+static void exact(const struct sample *s, size_t i, int order, struct jet *out)
+{
+	const float *p = s->xyz + 3 * i;
+
+	evaluate(s->tape, vec3(p[0], p[1], p[2]), order, out);
+}
+
+static int setup(void **state)
+{
+	struct device_options options = {0};
+	struct device_failure failure = {0};
+
+	(void)state;
+	if (device_open(&options, &loaded.device, &failure) != ERR_OK) {
+		printf("%s\n%s\n", failure.message,
+		    failure.build_log ? failure.build_log : "");
+		device_failure_fini(&failure);
+		return -1;
+	}
+	return 0;
+}
+
+static int teardown(void **state)
+{
+	(void)state;
+	device_close(loaded.device);
+	return 0;
+}
+
+/* Errors in the value. */
+struct totals {
+	double max, sum;
+	size_t count, over;
+	uint64_t worst;
+};
+
+#define VALUE_MAX 2e-3
+#define VALUE_MEAN 2e-5
+
+static void add_values(const struct sample *s, const double *want,
+    size_t stride, uint64_t seed, struct totals *t)
+{
+	for (size_t i = 0; i < POINTS; i++) {
+		double e = fabs(want[i] - (double)s->rows[i * stride]);
+
+		if (e > t->max) {
+			t->max = e;
+			t->worst = seed;
+		}
+		t->over += e > VALUE_MAX;
+		t->sum += e;
+		t->count++;
+	}
+}
+
+/* The values that come alone, with gradients and with Hessians: the
+ * interpreter's order differs. */
+static void test_accuracy_values_at_every_order(void **state)
+{
+	static const unsigned outputs[] = {OUTPUT_VALUE,
+		OUTPUT_VALUE | OUTPUT_GRADIENT, ALL_OUTPUTS};
+	static double want[POINTS];
+	struct totals t[3] = {{0}};
+	struct jet jet;
+
+	(void)state;
+	for (uint64_t seed = 1; seed <= TREES; seed++) {
+		struct random_tree_options o = {.seed = seed};
+		struct sample s = sample_create(&o);
+
+		for (size_t i = 0; i < POINTS; i++) {
+			exact(&s, i, 0, &jet);
+			want[i] = jet.value;
+		}
+		for (int k = 0; k < 3; k++) {
+			run(&s, outputs[k]);
+			add_values(&s, want, (size_t)output_row_floats(
+			    outputs[k]), seed, t + k);
+		}
+		sample_free(&s);
+	}
+	for (int k = 0; k < 3; k++)
+		printf("measured: outputs %u: %zu values, max error %.2e (tree %d), "
+		    "mean %.2e, %zu over %g\n", outputs[k], t[k].count,
+		    t[k].max, (int)t[k].worst, t[k].sum / (double)t[k].count,
+		    t[k].over, VALUE_MAX);
+	for (int k = 0; k < 3; k++) {
+		assert_true(t[k].max <= VALUE_MAX);
+		assert_true(t[k].sum / (double)t[k].count <= VALUE_MEAN);
+	}
+}
+
+static int by_size(const void *a, const void *b)
+{
+	double x = *(const double *)a, y = *(const double *)b;
+
+	return (x > y) - (x < y);
+}
+
+/*
+ * |device - exact| / (|exact| + least), over `size` numbers, where least keeps
+ * what is 0 to rounding from counting.
+ */
+static double relative_error(const double *want, const float *got, int size,
+    double least)
+{
+	double off = 0.0, norm = 0.0;
+
+	for (int k = 0; k < size; k++) {
+		off += (want[k] - got[k]) * (want[k] - got[k]);
+		norm += want[k] * want[k];
+	}
+	return sqrt(off) / (sqrt(norm) + least);
+}
+
+/* Sorts errors, prints and returns their 99th percentile. */
+static double percentile(const char *what, double *errors, size_t count)
+{
+	double p99;
+
+	qsort(errors, count, sizeof(*errors), by_size);
+	p99 = errors[count * 99 / 100];
+	printf("measured: %s: %zu, median %.1e, p99 %.1e, p99.9 %.1e, max %.1e\n", what,
+	    count, errors[count / 2], p99, errors[count * 999 / 1000],
+	    errors[count - 1]);
+	return p99;
+}
+
+/* Of trees with `nested` angle-dependent compositions, the p99 error of the
+ * gradient (order 1) or the Hessian (2). */
+static double nested_error(const char *what, int nested, int order)
+{
+	double *errors = malloc(TREES * POINTS * sizeof(*errors)), p99;
+	unsigned outputs = order == 1 ? OUTPUT_GRADIENT : OUTPUT_HESSIAN;
+	int size = order == 1 ? 3 : 6;
+	size_t count = 0;
+
+	assert_non_null(errors);
+	for (uint64_t seed = 1; seed <= TREES; seed++) {
+		struct random_tree_options o = {.seed = 1000 + seed,
+			.nested = nested};
+		struct sample s = sample_create(&o);
+		struct jet jet;
+
+		run(&s, outputs);
+		for (int i = 0; i < POINTS; i++) {
+			exact(&s, (size_t)i, order, &jet);
+			errors[count++] = relative_error(order == 1 ?
+			    &jet.gradient.x : &jet.hessian.xx,
+			    s.rows + i * size, size, 1e-3);
+		}
+		sample_free(&s);
+	}
+	p99 = percentile(what, errors, count);
+	free(errors);
+	return p99;
+}
+
+static void test_accuracy_gradients_of_one_composition(void **state)
+{
+	(void)state;
+	assert_true(nested_error("gradient, one composition", 1, 1) <= 0.01);
+}
+
+static void test_accuracy_gradients_of_two_nested(void **state)
+{
+	(void)state;
+	assert_true(nested_error("gradient, two nested", 2, 1) <= 0.05);
+}
+
+static void test_accuracy_hessians_of_one_composition(void **state)
+{
+	(void)state;
+	assert_true(nested_error("Hessian, one composition", 1, 2) <= 0.1);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_accuracy_values_at_every_order),
+		cmocka_unit_test(test_accuracy_gradients_of_one_composition),
+		cmocka_unit_test(test_accuracy_gradients_of_two_nested),
+		cmocka_unit_test(test_accuracy_hessians_of_one_composition),
+	};
+
+	return cmocka_run_group_tests(tests, setup, teardown);
+}
