@@ -1,0 +1,451 @@
+#include "proto/json.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include <cjson/cJSON.h>
+
+#include "proto/arena.h"
+#include "proto/fault.h"
+#include "proto/number.h"
+#include "proto/text.h"
+
+/* Up to here, comparing all pairs of names beats sorting them. */
+#define MEMBERS_COMPARED 16
+
+struct json_text json_text(const char *text, size_t length,
+    size_t values_max, struct arena *arena)
+{
+	return (struct json_text){arena, text, text, text + length, values_max,
+	    0};
+}
+
+enum err json_expected(const struct json_text *text,
+    const struct json_place *place, const char *what, struct faults *faults)
+{
+	size_t line = 1, column = 1;
+	const char *p;
+
+	for (p = text->start; p < text->cursor; p++) {
+		column++;
+		if (*p == '\n') {
+			line++;
+			column = 1;
+		}
+	}
+	json_fault(faults, place, "line %zu, column %zu (byte %zu): %s%s",
+	    line, column, (size_t)(text->cursor - text->start), what,
+	    text->cursor == text->end ? ", but the text ends" : "");
+	return ERR_SYNTAX;
+}
+
+static int hex_digit(char c)
+{
+	if (c >= '0' && c <= '9')
+		return c - '0';
+	c |= 0x20;
+	return c >= 'a' && c <= 'f' ? c - 'a' + 10 : -1;
+}
+
+/* The four hexadecimal digits at p, or -1. */
+static long hex4(const char *p, const char *end)
+{
+	long value = 0;
+	int i, digit;
+
+	if (end - p < 4)
+		return -1;
+	for (i = 0; i < 4; i++) {
+		digit = hex_digit(p[i]);
+		if (digit < 0)
+			return -1;
+		value = 16 * value + digit;
+	}
+	return value;
+}
+
+/* The code point of the escape at p ("\uXXXX", or a surrogate pair), or -1;
+ * *length is how many characters it takes. */
+static long unicode_escape(const char *p, const char *end, size_t *length)
+{
+	const long high = hex4(p + 2, end);
+	long low;
+
+	*length = 6;
+	if (high < 0xd800 || high > 0xdfff)
+		return high;
+	*length = 12;
+	if (high > 0xdbff || end - p < 12 || p[6] != '\\' || p[7] != 'u')
+		return -1;
+	low = hex4(p + 8, end);
+	if (low < 0xdc00 || low > 0xdfff)
+		return -1;
+	return 0x10000 + ((high - 0xd800) << 10) + (low - 0xdc00);
+}
+
+static char *put_utf8(char *out, long c)
+{
+	if (c < 0x80) {
+		*out++ = (char)c;
+		return out;
+	}
+	if (c < 0x800) {
+		*out++ = (char)(0xc0 | c >> 6);
+	} else {
+		if (c < 0x10000) {
+			*out++ = (char)(0xe0 | c >> 12);
+		} else {
+			*out++ = (char)(0xf0 | c >> 18);
+			*out++ = (char)(0x80 | (c >> 12 & 0x3f));
+		}
+		*out++ = (char)(0x80 | (c >> 6 & 0x3f));
+	}
+	*out++ = (char)(0x80 | (c & 0x3f));
+	return out;
+}
+
+/* Moves past the escape at the cursor; what is wrong with it, or NULL. */
+static const char *check_escape(struct json_text *text)
+{
+	const char *p = text->cursor;
+	size_t length = 2;
+	long c;
+
+	if (text->end - p < 2 || !strchr("\"\\/bfnrtu", p[1]) || !p[1])
+		return "unknown escape in a string";
+	if (p[1] == 'u') {
+		c = unicode_escape(p, text->end, &length);
+		if (c < 0)
+			return "wrong \\u escape in a string";
+		if (c == 0)
+			return "the character NUL is not allowed";
+	}
+	text->cursor += length;
+	return NULL;
+}
+
+/* Behind the characters at p that stand for themselves, those of ASCII. */
+static const char *plain_end(const char *p, const char *end)
+{
+	while (p < end && *p >= 0x20 && *p < 0x7f && *p != '"' && *p != '\\')
+		p++;
+	return p;
+}
+
+/* Moves from behind the opening quote to the closing one; what is wrong, or
+ * NULL. */
+static const char *check_string(struct json_text *text)
+{
+	const char *what;
+	size_t n;
+
+	for (;;) {
+		text->cursor = plain_end(text->cursor, text->end);
+		if (text->cursor == text->end || *text->cursor == '"')
+			break;
+		if ((unsigned char)*text->cursor < 0x20)
+			return "control character in a string";
+		if (*text->cursor == '\\') {
+			what = check_escape(text);
+			if (what)
+				return what;
+			continue;
+		}
+		n = text_sequence(text->cursor, text->end);
+		if (n == 0)
+			return "a string is not UTF-8";
+		text->cursor += n;
+	}
+	return text->cursor < text->end ? NULL : "expected '\"'";
+}
+
+/* Decodes the checked string from p to end. */
+static void decode(const char *p, const char *end, char *out)
+{
+	static const char names[] = "bfnrt", meanings[] = "\b\f\n\r\t";
+	const char *name;
+	size_t length;
+
+	while (p < end) {
+		if (*p != '\\') {
+			*out++ = *p++;
+		} else if (p[1] == 'u') {
+			out = put_utf8(out, unicode_escape(p, end, &length));
+			p += length;
+		} else {
+			name = strchr(names, p[1]);
+			*out++ = name ? meanings[name - names] : p[1];
+			p += 2;
+		}
+	}
+	*out = '\0';
+}
+
+enum err json_string(struct json_text *text, const struct json_place *place,
+    char **out, struct faults *faults)
+{
+	const char *start, *what;
+	char *string;
+
+	if (!json_take(text, '"'))
+		return json_expected(text, place, "expected a string", faults);
+	start = text->cursor;
+	what = check_string(text);
+	if (what)
+		return json_expected(text, place, what, faults);
+	string = arena_alloc(text->arena, (size_t)(text->cursor - start) + 1);
+	if (!string)
+		return ERR_MEMORY;
+	decode(start, text->cursor, string);
+	text->cursor++;
+	*out = string;
+	return ERR_OK;
+}
+
+static enum err read_string(struct json_text *text,
+    const struct json_place *place, cJSON *value, struct faults *faults)
+{
+	value->type = cJSON_String;
+	return json_string(text, place, &value->valuestring, faults);
+}
+
+static enum err read_number(struct json_text *text,
+    const struct json_place *place, cJSON *value, struct faults *faults)
+{
+	double number;
+
+	if (number_parse(&text->cursor, text->end, &number))
+		return json_expected(text, place, "not a JSON number", faults);
+	value->type = cJSON_Number;
+	cJSON_SetNumberHelper(value, number);
+	return ERR_OK;
+}
+
+static enum err read_word(struct json_text *text,
+    const struct json_place *place, cJSON *value, struct faults *faults)
+{
+	static const struct {
+		const char *word;
+		int type;
+	} words[] = {
+		{"null", cJSON_NULL},
+		{"true", cJSON_True},
+		{"false", cJSON_False},
+	};
+	size_t i, n;
+
+	for (i = 0; i < sizeof words / sizeof *words; i++) {
+		n = strlen(words[i].word);
+		if ((size_t)(text->end - text->cursor) >= n &&
+		    memcmp(text->cursor, words[i].word, n) == 0) {
+			text->cursor += n;
+			value->type = words[i].type;
+			return ERR_OK;
+		}
+	}
+	return json_expected(text, place, "expected a value", faults);
+}
+
+static enum err read_array(struct json_text *text,
+    const struct json_place *place, cJSON *array, struct faults *faults)
+{
+	struct json_place at = json_element(place, 0);
+	cJSON *element;
+	enum err err;
+
+	array->type = cJSON_Array;
+	text->cursor++;
+	if (json_take(text, ']'))
+		return ERR_OK;
+	for (;; at.index++) {
+		err = json_value(text, &at, &element, faults);
+		if (err)
+			return err;
+		cJSON_AddItemToArray(array, element);
+		if (json_take(text, ']'))
+			return ERR_OK;
+		if (!json_take(text, ','))
+			return json_expected(text, place,
+			    "expected ',' or ']'", faults);
+	}
+}
+
+static int compare_names(const void *a, const void *b)
+{
+	const cJSON *const *x = a, *const *y = b;
+
+	return strcmp((*x)->string, (*y)->string);
+}
+
+/* A member whose name another one has, in *out, or NULL. */
+static enum err find_duplicate(const cJSON *object, size_t count,
+    const cJSON **out)
+{
+	const cJSON **members, *m, *other;
+	size_t i = 0;
+
+	*out = NULL;
+	if (count <= MEMBERS_COMPARED) {
+		for (m = object->child; m; m = m->next) {
+			for (other = object->child; other != m;
+			    other = other->next) {
+				if (text_equal(other->string, m->string))
+					*out = m;
+			}
+		}
+		return ERR_OK;
+	}
+	members = malloc(count * sizeof *members);
+	if (!members)
+		return ERR_MEMORY;
+	for (m = object->child; m; m = m->next)
+		members[i++] = m;
+	qsort(members, count, sizeof *members, compare_names);
+	for (i = 1; i < count; i++) {
+		if (strcmp(members[i - 1]->string, members[i]->string) == 0)
+			*out = members[i];
+	}
+	free(members);
+	return ERR_OK;
+}
+
+static enum err check_names(const struct json_text *text,
+    const struct json_place *place, const cJSON *object, size_t count,
+    struct faults *faults)
+{
+	struct json_place at;
+	const cJSON *duplicate;
+	enum err err;
+
+	err = find_duplicate(object, count, &duplicate);
+	if (err || !duplicate)
+		return err;
+	at = json_member(place, duplicate->string);
+	return json_expected(text, &at,
+	    "the object that ends here has this member twice", faults);
+}
+
+static enum err read_member(struct json_text *text,
+    const struct json_place *place, cJSON *object, struct faults *faults)
+{
+	struct json_place at;
+	cJSON *value;
+	char *name;
+	enum err err;
+
+	err = json_string(text, place, &name, faults);
+	if (err)
+		return err;
+	at = json_member(place, name);
+	if (!json_take(text, ':'))
+		return json_expected(text, &at, "expected ':'", faults);
+	err = json_value(text, &at, &value, faults);
+	if (err)
+		return err;
+	value->string = name;
+	cJSON_AddItemToArray(object, value);
+	return ERR_OK;
+}
+
+static enum err read_object(struct json_text *text,
+    const struct json_place *place, cJSON *object, struct faults *faults)
+{
+	size_t count = 0;
+	enum err err;
+
+	object->type = cJSON_Object;
+	text->cursor++;
+	if (json_take(text, '}'))
+		return ERR_OK;
+	for (;;) {
+		err = read_member(text, place, object, faults);
+		if (err)
+			return err;
+		count++;
+		if (json_take(text, '}'))
+			return check_names(text, place, object, count, faults);
+		if (!json_take(text, ','))
+			return json_expected(text, place,
+			    "expected ',' or '}'", faults);
+	}
+}
+
+static enum err read_any(struct json_text *text,
+    const struct json_place *place, cJSON *value, struct faults *faults)
+{
+	switch (*text->cursor) {
+	case '{':
+		return read_object(text, place, value, faults);
+	case '[':
+		return read_array(text, place, value, faults);
+	case '"':
+		return read_string(text, place, value, faults);
+	case 't':
+	case 'f':
+	case 'n':
+		return read_word(text, place, value, faults);
+	default:
+		if (*text->cursor == '-' ||
+		    (*text->cursor >= '0' && *text->cursor <= '9'))
+			return read_number(text, place, value, faults);
+		return json_expected(text, place, "expected a value", faults);
+	}
+}
+
+enum err json_value(struct json_text *text, const struct json_place *place,
+    struct cJSON **out, struct faults *faults)
+{
+	cJSON *value;
+	enum err err;
+
+	json_space(text);
+	if (text->cursor == text->end)
+		return json_expected(text, place, "expected a value", faults);
+	if (text->depth == JSON_DEPTH_MAX) {
+		json_fault(faults, place, "nested more than %d deep",
+		    JSON_DEPTH_MAX);
+		return ERR_LIMIT;
+	}
+	if (text->values_left == 0) {
+		json_fault(faults, place, "too many JSON values");
+		return ERR_LIMIT;
+	}
+	text->values_left--;
+	value = arena_alloc(text->arena, sizeof *value);
+	if (!value)
+		return ERR_MEMORY;
+	text->depth++;
+	err = read_any(text, place, value, faults);
+	text->depth--;
+	if (!err)
+		*out = value;
+	return err;
+}
+
+enum err json_finish(struct json_text *text, struct faults *faults)
+{
+	const struct json_place root = json_root("");
+
+	json_space(text);
+	if (text->cursor == text->end)
+		return ERR_OK;
+	return json_expected(text, &root, "something follows the value",
+	    faults);
+}
+
+enum err json_parse(const char *text, size_t length, size_t values_max,
+    struct arena *arena, struct cJSON **out, struct faults *faults)
+{
+	const struct json_place root = json_root("");
+	struct json_text t = json_text(text, length, values_max, arena);
+	cJSON *value;
+	enum err err;
+
+	err = json_value(&t, &root, &value, faults);
+	if (err)
+		return err;
+	err = json_finish(&t, faults);
+	if (!err)
+		*out = value;
+	return err;
+}

@@ -1,0 +1,67 @@
+/*
+ * Bodies of evaluation requests, and the media types both ways.
+ */
+#ifndef PROTO_REQUEST_H
+#define PROTO_REQUEST_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "core/err.h"
+#include "proto/points.h"
+
+struct document;
+struct document_limits;
+struct faults;
+
+enum media_type {
+	MEDIA_JSON,    /* application/json */
+	MEDIA_OCTETS,  /* application/octet-stream */
+	MEDIA_NPY,     /* application/x-npy */
+	MEDIA_PROBLEM, /* application/problem+json */
+	MEDIA_COUNT
+};
+
+const char *media_name(enum media_type type);
+
+/*
+ * A Content-Type to a media type; parameters are ignored but for a charset,
+ * which must be UTF-8. NULL or "" means JSON. False if it is none of JSON,
+ * OCTETS, NPY.
+ */
+bool media_from_content_type(const char *value, enum media_type *out);
+
+/*
+ * The best of JSON, OCTETS, NPY for an Accept header (RFC 9110 12.5.1, with
+ * q-values and wildcards; ties go to JSON first, then in this order). NULL
+ * means any. False: none is acceptable.
+ */
+bool media_from_accept(const char *value, enum media_type *out);
+
+/*
+ * "value,gradient" to OUTPUT_* bits (core/output.h). NULL means the
+ * default, value and gradient. ERR_INVALID fills faults (unknown or repeated
+ * names, or none), whose pointer is pointer.
+ */
+enum err outputs_from_list(const char *value, const char *pointer,
+    unsigned *outputs, struct faults *faults);
+
+/* An evaluation as a JSON body says it. Start with {0}; eval_request_fini. */
+struct eval_request {
+	struct document *document; /* NULL unless with_scene */
+	struct points points;
+	unsigned outputs;          /* OUTPUT_* */
+};
+void eval_request_fini(struct eval_request *request);
+
+/*
+ * Parses {"scene": document, "points": [...], "outputs": [...]}; "scene" is
+ * required with with_scene, else forbidden; "outputs" may be missing, for
+ * default_outputs. text need not end in NUL. Errors as document_parse and
+ * points_from_json.
+ */
+enum err eval_request_parse(const char *text, size_t length, bool with_scene,
+    unsigned default_outputs, const struct document_limits *limits,
+    size_t max_points, struct eval_request *out, struct faults *faults);
+
+#endif
