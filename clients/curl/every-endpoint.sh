@@ -1,0 +1,65 @@
+#!/bin/sh
+# Calls each endpoint once and shows the first of what it answers:
+#   clients/curl/every-endpoint.sh
+# BLOBFIELD_URL is the daemon's address, http://127.0.0.1:7878 unless set. Leaves no
+# scene behind. The exit status is 0 only if every status was the expected one.
+set -u
+
+url=${BLOBFIELD_URL:-http://127.0.0.1:7878}
+here=$(dirname "$0")
+json='Content-Type: application/json'
+octets='Content-Type: application/octet-stream'
+id="every-endpoint-$$"
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+failed=0
+
+# call STATUS METHOD PATH [curl arguments]: one request, which must answer STATUS.
+call() {
+	expected=$1 method=$2 path=$3
+	shift 3
+	: >"$work/body"
+	status=$(curl -s --noproxy '*' -X "$method" -D "$work/headers" \
+		-o "$work/body" -w '%{http_code}' "$@" "$url$path")
+	echo "$method $path -> $status"
+	head -c 300 "$work/body" | tr -c '[:print:]\n' '.' | head -n 3
+	echo
+	if [ "$status" != "$expected" ]; then
+		echo "  expected $expected" >&2
+		failed=1
+	fi
+}
+
+# header NAME: the last answer's header.
+header() {
+	tr -d '\r' <"$work/headers" | sed -n "s/^$1: //ip"
+}
+
+printf '{"scene": %s, "points": [[0,0,2.6], [0,0,1.4]]}' \
+	"$(cat "$here/letter-a.json")" >"$work/eval.json"
+# Two points as raw float32: (0,0,0) and (0,0,2).
+printf '\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\100' >"$work/points"
+
+call 200 GET /
+call 200 GET /healthz
+call 200 GET /readyz
+call 200 GET /v1/info
+call 200 GET /v1/operators
+call 200 GET /v1/operators/camel
+call 200 POST /v1/eval -H "$json" --data-binary "@$work/eval.json"
+call 201 PUT "/v1/scenes/$id" -H "$json" --data-binary "@$here/letter-a.json"
+tag=$(header ETag)
+call 200 GET "/v1/scenes?limit=10"
+call 200 GET "/v1/scenes/$id"
+call 304 GET "/v1/scenes/$id" -H "If-None-Match: $tag"
+call 200 PUT "/v1/scenes/$id" -H "$json" -H "If-Match: $tag" \
+	--data-binary "@$here/letter-a.json"
+call 200 POST "/v1/scenes/$id/eval" -H "$json" \
+	-d '{"points": [0,0,2.6], "outputs": ["value", "gradient", "hessian"]}'
+call 200 POST "/v1/scenes/$id/eval?outputs=value" -H "$octets" \
+	-H 'Accept: application/x-npy' --data-binary "@$work/points"
+call 204 DELETE "/v1/scenes/$id"
+call 201 POST /v1/scenes -H "$json" --data-binary "@$here/letter-a.json"
+call 204 DELETE "$(header Location)"
+call 204 OPTIONS /v1/eval
+exit "$failed"

@@ -1,0 +1,39 @@
+#!/bin/sh
+# Starts the daemon, evaluates the example through it, and goes on serving until
+# interrupted; with --once, stops it instead:
+#   clients/curl/run.sh [--once] DAEMON [FLAG...]
+set -eu
+
+once=
+if [ "${1-}" = --once ]; then
+	once=1
+	shift
+fi
+here=$(dirname "$0")
+work=$(mktemp -d)
+"$@" >"$work/out" &
+daemon=$!
+trap 'rm -rf "$work"; kill -TERM "$daemon" 2>/dev/null || :' EXIT
+trap 'exit 130' INT
+trap 'exit 143' TERM
+
+# The first line says where it listens.
+until grep -q '^blobfieldd listening on ' "$work/out"; do
+	if ! kill -0 "$daemon" 2>/dev/null; then
+		wait "$daemon" || exit $?
+		exit 1
+	fi
+	sleep 0.05
+done
+url=$(sed -n 's/^blobfieldd listening on //p;q' "$work/out")
+echo "blobfieldd listening on $url"
+
+BLOBFIELD_URL=$url "$here/example.sh"
+if [ -n "$once" ]; then
+	kill -TERM "$daemon"
+	wait "$daemon"
+	exit
+fi
+echo
+echo "Serving on $url; Ctrl-C stops it. Try: curl $url/v1/info"
+wait "$daemon"

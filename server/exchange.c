@@ -1,0 +1,281 @@
+#include "server/exchange.h"
+
+#include <errno.h>
+#include <microhttpd.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+
+#include <cjson/cJSON.h>
+
+#include "proto/answer.h"
+#include "server/http.h"
+#include "server/server.h"
+
+/* ---- the request ---- */
+
+struct lookup {
+	const char *name;
+	const char *first;
+	char *joined; /* once there are two */
+	size_t count;
+};
+
+static char *join(const char *a, const char *b)
+{
+	char *both;
+
+	return asprintf(&both, "%s, %s", a, b) < 0 ? NULL : both;
+}
+
+static enum MHD_Result look_at(void *ctx, enum MHD_ValueKind kind,
+    const char *key, const char *value)
+{
+	struct lookup *lookup = ctx;
+	char *joined;
+
+	(void)kind;
+	if (strcasecmp(key, lookup->name) != 0 || value == NULL)
+		return MHD_YES;
+	if (lookup->count++ == 0) {
+		lookup->first = value;
+		return MHD_YES;
+	}
+	joined = join(lookup->joined ? lookup->joined : lookup->first, value);
+	if (joined != NULL) {
+		free(lookup->joined);
+		lookup->joined = joined;
+	}
+	return MHD_YES;
+}
+
+const char *exchange_header(struct exchange *x, const char *name)
+{
+	struct lookup lookup = {name, NULL, NULL, 0};
+
+	MHD_get_connection_values(x->connection, MHD_HEADER_KIND, look_at,
+	    &lookup);
+	if (lookup.joined == NULL)
+		return lookup.first;
+	for (int i = 0; i < EXCHANGE_JOINED_MAX; i++) {
+		if (x->joined[i] == NULL)
+			return x->joined[i] = lookup.joined;
+	}
+	free(lookup.joined);
+	return lookup.first;
+}
+
+const char *exchange_query(struct exchange *x, const char *name)
+{
+	const char *value = NULL;
+	size_t length;
+
+	if (MHD_lookup_connection_value_n(x->connection,
+	    MHD_GET_ARGUMENT_KIND, name, strlen(name), &value, &length) !=
+	    MHD_YES)
+		return NULL;
+	return value != NULL ? value : "";
+}
+
+void exchange_release_body(struct exchange *x)
+{
+	http_return_bytes(x->server->http, x->body_size);
+	free(x->body);
+	x->body = NULL;
+	x->body_length = x->body_size = 0;
+}
+
+bool exchange_check_content_type(struct exchange *x, unsigned mask,
+    enum media_type *out)
+{
+	const char *value = exchange_header(x, "Content-Type");
+	enum media_type type;
+	char known[128] = "";
+
+	if (media_from_content_type(value, &type) && (mask & 1u << type)) {
+		*out = type;
+		return true;
+	}
+	for (int i = 0; i < MEDIA_COUNT; i++) {
+		size_t length = strlen(known);
+
+		if (mask & 1u << i)
+			snprintf(known + length, sizeof known - length, "%s%s",
+			    length > 0 ? ", " : "",
+			    media_name((enum media_type)i));
+	}
+	exchange_reply_problem(x, PROBLEM_MEDIA_TYPE, NULL,
+	    "Content-Type is '%.100s'; this resource takes %s.", value, known);
+	exchange_add_header(x, "Accept", known);
+	return false;
+}
+
+/* ---- waiting ---- */
+
+void exchange_wait(struct exchange *x)
+{
+	x->waiting = true;
+	http_set_deadline(x, HTTP_NO_DEADLINE);
+	MHD_suspend_connection(x->connection);
+}
+
+void exchange_resume(struct exchange *x)
+{
+	MHD_resume_connection(x->connection);
+}
+
+bool exchange_is_connected(const struct exchange *x)
+{
+	char byte;
+	ssize_t n = recv(x->socket, &byte, 1, MSG_PEEK | MSG_DONTWAIT);
+
+	return n > 0 || (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK ||
+	    errno == EINTR));
+}
+
+/* ---- the answer ---- */
+
+static void reply(struct exchange *x, unsigned status,
+    struct MHD_Response *response, size_t length)
+{
+	if (x->response != NULL)
+		MHD_destroy_response(x->response);
+	x->response = response;
+	x->status = status;
+	x->answer_length = length;
+}
+
+void exchange_add_header(struct exchange *x, const char *name,
+    const char *value)
+{
+	if (x->response != NULL)
+		MHD_add_response_header(x->response, name, value);
+}
+
+void exchange_reply_data(struct exchange *x, unsigned status,
+    enum media_type type, void *data, size_t length)
+{
+	struct MHD_Response *response =
+	    MHD_create_response_from_buffer_with_free_callback(length, data,
+	    free);
+
+	if (response == NULL)
+		free(data);
+	reply(x, status, response, length);
+	exchange_add_header(x, "Content-Type", media_name(type));
+}
+
+void exchange_reply_json(struct exchange *x, unsigned status,
+    struct cJSON *json)
+{
+	char *text = cJSON_PrintUnformatted(json);
+	size_t length;
+	char *line;
+
+	cJSON_Delete(json);
+	if (text == NULL) {
+		exchange_reply_problem(x, PROBLEM_MEMORY, NULL,
+		    "There was no memory for the answer.");
+		return;
+	}
+	/* A newline at the end is kind to terminals. */
+	length = strlen(text);
+	line = realloc(text, length + 2);
+	if (line != NULL) {
+		text = line;
+		text[length++] = '\n';
+	}
+	exchange_reply_data(x, status, MEDIA_JSON, text, length);
+}
+
+struct two {
+	void *header, *data;
+};
+
+static void free_two(void *ctx)
+{
+	struct two *two = ctx;
+
+	free(two->header);
+	free(two->data);
+	free(two);
+}
+
+void exchange_reply_two(struct exchange *x, enum media_type type,
+    const void *header, size_t header_length, void *data, size_t length)
+{
+	struct two *two = malloc(sizeof *two);
+	void *copy = malloc(header_length);
+	struct MHD_Response *response = NULL;
+	struct MHD_IoVec parts[2] = {{copy, header_length}, {data, length}};
+
+	if (two != NULL && copy != NULL) {
+		memcpy(copy, header, header_length);
+		*two = (struct two){copy, data};
+		response = MHD_create_response_from_iovec(parts,
+		    length > 0 ? 2 : 1, free_two, two);
+	}
+	if (response == NULL) {
+		free(copy);
+		free(two);
+		free(data);
+	}
+	reply(x, MHD_HTTP_OK, response, header_length + length);
+	exchange_add_header(x, "Content-Type", media_name(type));
+}
+
+void exchange_reply_borrowed(struct exchange *x, unsigned status,
+    enum media_type type, const void *data, size_t length,
+    void (*release)(void *owner), void *owner)
+{
+	/* MHD wants a void * but only reads through it. */
+	struct MHD_Response *response =
+	    MHD_create_response_from_buffer_with_free_callback_cls(length,
+	    (void *)(size_t)data, release, owner);
+
+	if (response == NULL)
+		release(owner);
+	reply(x, status, response, length);
+	exchange_add_header(x, "Content-Type", media_name(type));
+}
+
+void exchange_reply_empty(struct exchange *x, unsigned status)
+{
+	static char nothing[1];
+
+	reply(x, status, MHD_create_response_from_buffer(0, nothing,
+	    MHD_RESPMEM_PERSISTENT), 0);
+}
+
+void exchange_reply_problem(struct exchange *x, enum problem problem,
+    const struct faults *faults, const char *detail, ...)
+{
+	const struct problem_kind *kind = problem_kind(problem);
+	char text[512], seconds[16];
+	size_t length;
+	char *json;
+	va_list args;
+
+	va_start(args, detail);
+	vsnprintf(text, sizeof text, detail, args);
+	va_end(args);
+	json = answer_problem(kind->status, kind->slug, kind->title, text,
+	    faults, &length);
+	if (json == NULL) {
+		exchange_reply_empty(x, (unsigned)kind->status);
+		return;
+	}
+	exchange_reply_data(x, (unsigned)kind->status, MEDIA_PROBLEM, json,
+	    length);
+	if (kind->retry_after > 0) {
+		snprintf(seconds, sizeof seconds, "%d", kind->retry_after);
+		exchange_add_header(x, "Retry-After", seconds);
+	}
+}
+
+void exchange_reply_nothing(struct exchange *x)
+{
+	x->hung_up = true;
+}

@@ -1,0 +1,109 @@
+#include <string.h>
+
+#include <cjson/cJSON.h>
+
+#include "server/clock.h"
+#include "server/config.h"
+#include "server/exchange.h"
+#include "server/handlers.h"
+#include "server/routes.h"
+#include "server/scene_store.h"
+#include "server/scheduler.h"
+#include "server/server.h"
+
+void handle_index(struct exchange *x)
+{
+	cJSON *json = cJSON_CreateObject();
+	cJSON *list;
+	size_t count;
+	const struct route *routes = route_list(&count);
+
+	cJSON_AddStringToObject(json, "name", "blobfield");
+	cJSON_AddStringToObject(json, "version", BLOBFIELD_VERSION);
+	list = cJSON_AddArrayToObject(json, "endpoints");
+	for (size_t i = 0; i < count; i++) {
+		cJSON *item = cJSON_CreateObject();
+
+		cJSON_AddStringToObject(item, "method", routes[i].method);
+		cJSON_AddStringToObject(item, "path", routes[i].pattern);
+		cJSON_AddStringToObject(item, "summary", routes[i].summary);
+		cJSON_AddItemToArray(list, item);
+	}
+	exchange_reply_json(x, 200, json);
+}
+
+static void add_device(cJSON *json, const struct device_info *device)
+{
+	cJSON *object;
+
+	if (device->name[0] == '\0') {
+		cJSON_AddNullToObject(json, "device");
+		return;
+	}
+	object = cJSON_AddObjectToObject(json, "device");
+	cJSON_AddStringToObject(object, "name", device->name);
+	cJSON_AddStringToObject(object, "vendor", device->vendor);
+	cJSON_AddStringToObject(object, "version", device->version);
+	cJSON_AddStringToObject(object, "driver", device->driver);
+	cJSON_AddStringToObject(object, "type", device->is_gpu ? "gpu" :
+	    "cpu");
+	cJSON_AddNumberToObject(object, "compute_units",
+	    device->compute_units);
+	cJSON_AddNumberToObject(object, "memory_bytes",
+	    (double)device->memory_bytes);
+	cJSON_AddNumberToObject(object, "width", device->width);
+	cJSON_AddStringToObject(object, "tables",
+	    device->tables_are_images ? "images" : "buffers");
+}
+
+static void add_limits(cJSON *json, const struct config *config)
+{
+	cJSON *limits = cJSON_AddObjectToObject(json, "limits");
+
+	cJSON_AddNumberToObject(limits, "max_body", (double)config->max_body);
+	cJSON_AddNumberToObject(limits, "max_points",
+	    (double)config->max_points);
+	cJSON_AddNumberToObject(limits, "max_nodes",
+	    (double)config->max_nodes);
+	cJSON_AddNumberToObject(limits, "max_scenes",
+	    (double)config->max_scenes);
+	cJSON_AddNumberToObject(limits, "queue", (double)config->queue);
+}
+
+static void add_figures(cJSON *json, const struct scheduler_stats *stats,
+    const struct config *config)
+{
+	cJSON *tables = cJSON_AddObjectToObject(json, "tables");
+	cJSON *queue = cJSON_AddObjectToObject(json, "queue");
+
+	cJSON_AddNumberToObject(tables, "bytes", (double)stats->table_bytes);
+	cJSON_AddNumberToObject(tables, "max_bytes",
+	    (double)config->device.table_bytes);
+	cJSON_AddStringToObject(tables, "layout",
+	    operator_layout_name(config->layout));
+	cJSON_AddNumberToObject(queue, "waiting", (double)stats->waiting);
+	cJSON_AddNumberToObject(queue, "running", (double)stats->running);
+	cJSON_AddNumberToObject(queue, "completed", (double)stats->completed);
+	cJSON_AddNumberToObject(queue, "points", (double)stats->points);
+}
+
+void handle_info(struct exchange *x)
+{
+	const struct server *server = x->server;
+	struct scheduler_stats stats;
+	cJSON *json = cJSON_CreateObject();
+
+	scheduler_get_stats(server->scheduler, &stats);
+	cJSON_AddStringToObject(json, "name", "blobfield");
+	cJSON_AddStringToObject(json, "version", BLOBFIELD_VERSION);
+	cJSON_AddStringToObject(json, "format", "blobfield/1");
+	cJSON_AddNumberToObject(json, "uptime_s",
+	    (double)(long)(clock_seconds() - server->started));
+	cJSON_AddBoolToObject(json, "ready", stats.ready);
+	add_device(json, &stats.device);
+	add_limits(json, server->config);
+	add_figures(json, &stats, server->config);
+	cJSON_AddNumberToObject(json, "scenes",
+	    (double)scene_store_count(server->scenes));
+	exchange_reply_json(x, 200, json);
+}

@@ -1,0 +1,35 @@
+/*
+ * Handlers, one for each route (server/routes.c). Each answers the exchange,
+ * or has it wait and answers later.
+ */
+#ifndef SERVER_HANDLERS_H
+#define SERVER_HANDLERS_H
+
+struct exchange;
+
+/* handle_eval.c */
+void handle_eval(struct exchange *x);
+
+/* handle_scenes.c */
+void handle_scenes_list(struct exchange *x);
+void handle_scenes_post(struct exchange *x);
+void handle_scene_get(struct exchange *x);
+void handle_scene_put(struct exchange *x);
+void handle_scene_delete(struct exchange *x);
+
+/* handle_scene_eval.c */
+void handle_scene_eval(struct exchange *x);
+
+/* handle_operators.c */
+void handle_operators_list(struct exchange *x);
+void handle_operator_get(struct exchange *x);
+
+/* handle_info.c */
+void handle_index(struct exchange *x);
+void handle_info(struct exchange *x);
+
+/* handle_health.c */
+void handle_healthz(struct exchange *x);
+void handle_readyz(struct exchange *x);
+
+#endif

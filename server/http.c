@@ -1,0 +1,613 @@
+/*
+ * Who owns what: an exchange is made when its request line has arrived and
+ * freed only in the completion callback. An exchange that waits is suspended:
+ * libmicrohttpd leaves it alone until exchange_resume, then calls the access
+ * handler again. A connection is in the list from its start to its close;
+ * the list's lock is what makes shutting its socket from http_reap safe.
+ */
+#include "server/http.h"
+
+#include <errno.h>
+#include <microhttpd.h>
+#include <netdb.h>
+#include <pthread.h>
+#include <stdarg.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "proto/answer.h"
+#include "server/clock.h"
+#include "server/config.h"
+#include "server/exchange.h"
+#include "server/framing.h"
+#include "server/log.h"
+#include "server/routes.h"
+#include "server/server.h"
+
+#define CONNECTIONS_MAX 1000
+#define THREADS 2
+
+/* The pool a connection keeps its head in. It is cleared for every request:
+ * 32 KB cost 4.6 microseconds, 1 MB 64. */
+#define CONNECTION_MEMORY ((size_t)32 << 10)
+
+#define INACTIVITY_SECONDS 60
+#define URI_MAX 4096
+
+/* A request or an answer may take so long, and longer the larger it is. */
+#define DEADLINE_SECONDS 60.0
+#define LEAST_BYTES_PER_SECOND 16384.0
+
+/* A body's first allocation, whatever its length is said to be. */
+#define BODY_FIRST ((size_t)1 << 20)
+
+/* All bodies together, but at least two of the largest. */
+#define BODIES_MAX ((size_t)1 << 30)
+
+struct connection {
+	struct connection *next, **link;
+	int socket;
+	double deadline;
+};
+
+struct http {
+	struct server *server;
+	struct MHD_Daemon *daemon;
+	int listener;
+	bool is_quiesced;     /* the listener is no longer the daemon's */
+	atomic_size_t active; /* requests begun and not yet answered */
+	atomic_size_t owed;   /* those of them that have arrived */
+	atomic_size_t bytes; /* of bodies */
+	pthread_mutex_t lock; /* guards connections */
+	struct connection *connections;
+};
+
+/* ---- connections and their deadlines ---- */
+
+static void connection_open(struct http *h, struct MHD_Connection *connection,
+    void **socket_context)
+{
+	const union MHD_ConnectionInfo *info = MHD_get_connection_info(
+	    connection, MHD_CONNECTION_INFO_CONNECTION_FD);
+	struct connection *c = malloc(sizeof *c);
+
+	*socket_context = c;
+	if (c == NULL)
+		return;
+	c->socket = info->connect_fd;
+	c->deadline = clock_seconds() + DEADLINE_SECONDS;
+	pthread_mutex_lock(&h->lock);
+	c->next = h->connections;
+	c->link = &h->connections;
+	if (c->next != NULL)
+		c->next->link = &c->next;
+	h->connections = c;
+	pthread_mutex_unlock(&h->lock);
+}
+
+static void connection_close(struct http *h, struct connection *c)
+{
+	if (c == NULL)
+		return;
+	pthread_mutex_lock(&h->lock);
+	*c->link = c->next;
+	if (c->next != NULL)
+		c->next->link = c->link;
+	pthread_mutex_unlock(&h->lock);
+	free(c);
+}
+
+static void on_connection(void *ctx, struct MHD_Connection *connection,
+    void **socket_context, enum MHD_ConnectionNotificationCode code)
+{
+	if (code == MHD_CONNECTION_NOTIFY_STARTED)
+		connection_open(ctx, connection, socket_context);
+	else
+		connection_close(ctx, *socket_context);
+}
+
+static void set_deadline(struct http *h, struct MHD_Connection *connection,
+    double when)
+{
+	const union MHD_ConnectionInfo *info = MHD_get_connection_info(
+	    connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT);
+	struct connection *c = info != NULL ? info->socket_context : NULL;
+
+	if (c == NULL)
+		return;
+	pthread_mutex_lock(&h->lock);
+	c->deadline = when;
+	pthread_mutex_unlock(&h->lock);
+}
+
+void http_set_deadline(struct exchange *x, double when)
+{
+	set_deadline(x->server->http, x->connection, when);
+}
+
+/* A deadline for something of so many bytes that begins now. */
+static double deadline_for(size_t bytes)
+{
+	return clock_seconds() + DEADLINE_SECONDS +
+	    (double)bytes / LEAST_BYTES_PER_SECOND;
+}
+
+void http_reap(struct http *h)
+{
+	double now = clock_seconds();
+
+	pthread_mutex_lock(&h->lock);
+	for (struct connection *c = h->connections; c != NULL; c = c->next) {
+		if (now > c->deadline) {
+			shutdown(c->socket, SHUT_RDWR);
+			c->deadline = HTTP_NO_DEADLINE;
+		}
+	}
+	pthread_mutex_unlock(&h->lock);
+}
+
+/* ---- body memory ---- */
+
+bool http_take_bytes(struct http *h, size_t bytes)
+{
+	size_t most = h->server->config->max_body;
+
+	most = most > BODIES_MAX / 2 ? 2 * most : BODIES_MAX;
+	if (atomic_fetch_add(&h->bytes, bytes) + bytes <= most)
+		return true;
+	atomic_fetch_sub(&h->bytes, bytes);
+	return false;
+}
+
+void http_return_bytes(struct http *h, size_t bytes)
+{
+	atomic_fetch_sub(&h->bytes, bytes);
+}
+
+/* ---- exchanges ---- */
+
+static void *on_request_line(void *ctx, const char *uri,
+    struct MHD_Connection *connection)
+{
+	struct http *h = ctx;
+	struct exchange *x = calloc(1, sizeof *x);
+	size_t length = strlen(uri);
+
+	if (x == NULL)
+		return NULL;
+	x->server = h->server;
+	x->connection = connection;
+	x->socket = MHD_get_connection_info(connection,
+	    MHD_CONNECTION_INFO_CONNECTION_FD)->connect_fd;
+	x->begun = clock_seconds();
+	x->target_length = length;
+	x->target_has_nul = strstr(uri, "%00") != NULL;
+	for (size_t i = 0; i < length && i < EXCHANGE_TARGET_MAX - 1; i++)
+		x->target[i] = uri[i] > ' ' && uri[i] < 127 ? uri[i] : '?';
+	atomic_fetch_add(&h->active, 1);
+	set_deadline(h, connection, deadline_for(0));
+	return x;
+}
+
+static void log_exchange(const struct exchange *x)
+{
+	bool is_probe = x->route != NULL && x->route->is_probe;
+
+	log_write(is_probe ? LOG_DEBUG : LOG_INFO, "%s %s %u %zu %.1f ms",
+	    x->method != NULL ? x->method : "-", x->target, x->status,
+	    x->answer_length, 1e3 * (clock_seconds() - x->begun));
+}
+
+static void on_complete(void *ctx, struct MHD_Connection *connection,
+    void **request, enum MHD_RequestTerminationCode code)
+{
+	struct http *h = ctx;
+	struct exchange *x = *request;
+
+	bool owed;
+
+	(void)code;
+	if (x == NULL)
+		return;
+	owed = x->owed;
+	*request = NULL;
+	log_exchange(x);
+	if (x->state != NULL)
+		x->state_free(x->state, x->server);
+	exchange_release_body(x);
+	if (x->response != NULL)
+		MHD_destroy_response(x->response);
+	for (int i = 0; i < EXCHANGE_JOINED_MAX; i++)
+		free(x->joined[i]);
+	free(x);
+	/* For the next request line, or to find the connection idle. */
+	set_deadline(h, connection, deadline_for(0));
+	if (owed)
+		atomic_fetch_sub(&h->owed, 1);
+	atomic_fetch_sub(&h->active, 1);
+}
+
+/* From here on the client is owed an answer. */
+static void owe(struct exchange *x)
+{
+	if (!x->owed)
+		atomic_fetch_add(&x->server->http->owed, 1);
+	x->owed = true;
+}
+
+/* Sends the answer that x has. */
+static enum MHD_Result send_answer(struct exchange *x)
+{
+	enum MHD_Result result;
+
+	if (x->hung_up || x->response == NULL)
+		return MHD_NO;
+	owe(x);
+	if (atomic_load(&x->server->draining))
+		exchange_add_header(x, "Connection", "close");
+	http_set_deadline(x, deadline_for(x->answer_length));
+	result = MHD_queue_response(x->connection, x->status, x->response);
+	MHD_destroy_response(x->response);
+	x->response = NULL;
+	return result;
+}
+
+/* ---- the first callback ---- */
+
+struct query_check {
+	struct exchange *x;
+	bool good;
+};
+
+static enum MHD_Result check_parameter(void *ctx, enum MHD_ValueKind kind,
+    const char *key, const char *value)
+{
+	struct query_check *check = ctx;
+	const struct route *route = check->x->route;
+
+	(void)kind, (void)value;
+	if (route_knows_query(route, key))
+		return MHD_YES;
+	check->good = false;
+	exchange_reply_problem(check->x, PROBLEM_MALFORMED, NULL,
+	    "Unknown query parameter '%.60s'; known here:%s.", key,
+	    route->query[0] != '\0' ? route->query : " none");
+	return MHD_NO;
+}
+
+static bool check_query(struct exchange *x)
+{
+	struct query_check check = {x, true};
+
+	MHD_get_connection_values(x->connection, MHD_GET_ARGUMENT_KIND,
+	    check_parameter, &check);
+	return check.good;
+}
+
+static bool check_target(struct exchange *x, const char *path)
+{
+	char allow[ROUTE_ALLOW_MAX];
+	enum route_outcome outcome;
+
+	if (x->target_length > URI_MAX) {
+		exchange_reply_problem(x, PROBLEM_URI_TOO_LONG, NULL,
+		    "The URI has %zu bytes; this server takes %d at most.",
+		    x->target_length, URI_MAX);
+		return false;
+	}
+	outcome = x->target_has_nul ? ROUTE_NO_PATH : route_find(x->method,
+	    path, &x->route, x->id, sizeof x->id, allow);
+	switch (outcome) {
+	case ROUTE_FOUND:
+		return check_query(x);
+	case ROUTE_NO_PATH:
+		exchange_reply_problem(x, PROBLEM_NOT_FOUND, NULL,
+		    "There is nothing at %.100s; GET / lists what there is.",
+		    x->target);
+		return false;
+	case ROUTE_NO_METHOD:
+		exchange_reply_problem(x, PROBLEM_METHOD, NULL,
+		    "%.20s is not possible at %.100s; these are: %s.",
+		    x->method, x->target, allow);
+		break;
+	case ROUTE_OPTIONS:
+		exchange_reply_empty(x, MHD_HTTP_NO_CONTENT);
+		break;
+	}
+	exchange_add_header(x, "Allow", allow);
+	return false;
+}
+
+/* Whether the connection can go on after x has been refused unread. */
+static bool has_body(struct exchange *x)
+{
+	const char *length = exchange_header(x, "Content-Length");
+
+	return exchange_header(x, "Transfer-Encoding") != NULL ||
+	    (length != NULL && strcmp(length, "0") != 0);
+}
+
+static enum MHD_Result begin(struct exchange *x, const char *method,
+    const char *path, const char *version)
+{
+	x->checked = true;
+	x->method = method;
+	if (framing_check(x, version) && check_target(x, path)) {
+		x->discard = !x->route->has_body;
+		return MHD_YES;
+	}
+	if (has_body(x))
+		exchange_add_header(x, "Connection", "close");
+	return send_answer(x);
+}
+
+/* ---- bodies ---- */
+
+/*
+ * Answers in the middle of a body, which libmicrohttpd cannot: the answer goes
+ * straight to the socket, and the rest of the body is read and dropped, for a
+ * while, so that the answer is not lost to a reset.
+ */
+static void refuse_midway(struct exchange *x, enum problem problem,
+    const char *detail)
+{
+	const struct problem_kind *kind = problem_kind(problem);
+	char retry[40] = "", *message = NULL, *json;
+	size_t length;
+	int n = -1;
+
+	x->refused_midway = true;
+	x->status = (unsigned)kind->status;
+	exchange_release_body(x);
+	if (kind->retry_after > 0)
+		snprintf(retry, sizeof retry, "Retry-After: %d\r\n",
+		    kind->retry_after);
+	json = answer_problem(kind->status, kind->slug, kind->title, detail,
+	    NULL, &length);
+	if (json != NULL)
+		n = asprintf(&message, "HTTP/1.1 %d %s\r\nContent-Type: %s\r\n"
+		    "Content-Length: %zu\r\n%sConnection: close\r\n\r\n%.*s",
+		    kind->status, kind->title, media_name(MEDIA_PROBLEM),
+		    length, retry, (int)length, json);
+	if (n > 0 && send(x->socket, message, (size_t)n, MSG_NOSIGNAL |
+	    MSG_DONTWAIT) == n)
+		x->answer_length = length;
+	shutdown(x->socket, SHUT_WR);
+	if (n > 0)
+		free(message);
+	free(json);
+}
+
+/* Room for length bytes more, never more than twice what has arrived. */
+static bool make_room(struct exchange *x, size_t length)
+{
+	size_t need = x->body_length + length;
+	size_t size = x->body_size > 0 ? 2 * x->body_size : BODY_FIRST;
+	size_t most = x->server->config->max_body;
+	const char *promise = exchange_header(x, "Content-Length");
+	char *body;
+
+	if (need <= x->body_size)
+		return true;
+	if (promise != NULL)
+		most = strtoull(promise, NULL, 10);
+	size = size > most ? most : size;
+	size = size < need ? need : size;
+	if (!http_take_bytes(x->server->http, size - x->body_size))
+		return false;
+	body = realloc(x->body, size);
+	if (body == NULL) {
+		http_return_bytes(x->server->http, size - x->body_size);
+		return false;
+	}
+	x->body = body;
+	x->body_size = size;
+	return true;
+}
+
+static enum MHD_Result take_body(struct exchange *x, const char *data,
+    size_t length)
+{
+	size_t most = x->server->config->max_body;
+	char detail[100];
+
+	x->body_seen += length;
+	if (x->refused_midway || x->discard)
+		return x->body_seen > 2 * most ? MHD_NO : MHD_YES;
+	http_set_deadline(x, x->begun + DEADLINE_SECONDS +
+	    (double)x->body_seen / LEAST_BYTES_PER_SECOND);
+	if (x->body_seen > most) {
+		snprintf(detail, sizeof detail, "The body has more than the "
+		    "%zu bytes that this server takes.", most);
+		refuse_midway(x, PROBLEM_TOO_LARGE, detail);
+	} else if (!make_room(x, length)) {
+		refuse_midway(x, PROBLEM_MEMORY,
+		    "Too many large bodies are arriving at once.");
+	} else {
+		memcpy(x->body + x->body_length, data, length);
+		x->body_length += length;
+	}
+	return MHD_YES;
+}
+
+/* The request is complete. */
+static enum MHD_Result dispatch(struct exchange *x)
+{
+	if (x->refused_midway)
+		return MHD_NO;
+	owe(x);
+	http_set_deadline(x, HTTP_NO_DEADLINE);
+	x->route->handle(x);
+	return x->waiting ? MHD_YES : send_answer(x);
+}
+
+static enum MHD_Result on_access(void *ctx, struct MHD_Connection *connection,
+    const char *path, const char *method, const char *version,
+    const char *data, size_t *length, void **request)
+{
+	struct exchange *x = *request;
+
+	(void)ctx, (void)connection;
+	if (x == NULL)
+		return MHD_NO;
+	if (!x->checked)
+		return begin(x, method, path, version);
+	if (*length > 0) {
+		size_t n = *length;
+
+		*length = 0;
+		return take_body(x, data, n);
+	}
+	if (!x->waiting)
+		return dispatch(x);
+	x->waiting = false;
+	x->resumed(x);
+	return send_answer(x);
+}
+
+/* ---- life ---- */
+
+static void on_mhd_log(void *ctx, const char *format, va_list args)
+    __attribute__((format(printf, 2, 0)));
+
+static void on_mhd_log(void *ctx, const char *format, va_list args)
+{
+	char text[256];
+
+	(void)ctx;
+	vsnprintf(text, sizeof text, format, args);
+	text[strcspn(text, "\n")] = '\0';
+	log_write(LOG_DEBUG, "http: %s", text);
+}
+
+/* The address the listener has, as a URL. */
+static void print_url(int listener, char url[static HTTP_URL_MAX])
+{
+	struct sockaddr_storage address;
+	socklen_t size = sizeof address;
+	char host[256] = "", port[16] = "";
+	bool is_v6;
+
+	getsockname(listener, (struct sockaddr *)&address, &size);
+	getnameinfo((struct sockaddr *)&address, size, host, sizeof host, port,
+	    sizeof port, NI_NUMERICHOST | NI_NUMERICSERV);
+	is_v6 = address.ss_family == AF_INET6;
+	snprintf(url, HTTP_URL_MAX, "http://%s%s%s:%s", is_v6 ? "[" : "", host,
+	    is_v6 ? "]" : "", port);
+}
+
+static int listen_at(const struct addrinfo *address)
+{
+	int yes = 1;
+	int fd = socket(address->ai_family, SOCK_STREAM | SOCK_NONBLOCK |
+	    SOCK_CLOEXEC, 0);
+
+	if (fd < 0)
+		return -1;
+	setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
+	if (bind(fd, address->ai_addr, address->ai_addrlen) == 0 &&
+	    listen(fd, 511) == 0)
+		return fd;
+	close(fd);
+	return -1;
+}
+
+/* A listening socket, or -1, logged. */
+static int open_listener(const struct config *config)
+{
+	struct addrinfo hints = {.ai_socktype = SOCK_STREAM,
+	    .ai_flags = AI_PASSIVE};
+	struct addrinfo *list = NULL;
+	const char *why;
+	int fd = -1;
+	int code = getaddrinfo(config->host, config->port, &hints, &list);
+
+	why = code != 0 ? gai_strerror(code) : "";
+	for (struct addrinfo *a = list; a != NULL && fd < 0; a = a->ai_next) {
+		fd = listen_at(a);
+		if (fd < 0)
+			why = strerror(errno);
+	}
+	if (list != NULL)
+		freeaddrinfo(list);
+	if (fd < 0)
+		log_write(LOG_ERROR, "cannot listen at %s port %s: %s",
+		    config->host, config->port, why);
+	return fd;
+}
+
+static struct MHD_Daemon *start_daemon(struct http *h)
+{
+	unsigned flags = MHD_USE_EPOLL | MHD_USE_INTERNAL_POLLING_THREAD |
+	    MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ERROR_LOG;
+
+	return MHD_start_daemon(flags, 0, NULL, NULL, on_access, h,
+	    MHD_OPTION_EXTERNAL_LOGGER, on_mhd_log, NULL,
+	    MHD_OPTION_LISTEN_SOCKET, h->listener,
+	    MHD_OPTION_THREAD_POOL_SIZE, (unsigned)THREADS,
+	    MHD_OPTION_CONNECTION_LIMIT, (unsigned)CONNECTIONS_MAX,
+	    MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)INACTIVITY_SECONDS,
+	    MHD_OPTION_CONNECTION_MEMORY_LIMIT, CONNECTION_MEMORY,
+	    MHD_OPTION_NOTIFY_COMPLETED, on_complete, h,
+	    MHD_OPTION_NOTIFY_CONNECTION, on_connection, h,
+	    MHD_OPTION_URI_LOG_CALLBACK, on_request_line, h,
+	    MHD_OPTION_END);
+}
+
+enum err http_start(struct server *server, char url[static HTTP_URL_MAX])
+{
+	struct http *h = calloc(1, sizeof *h);
+
+	if (h == NULL)
+		return ERR_MEMORY;
+	h->server = server;
+	pthread_mutex_init(&h->lock, NULL);
+	h->listener = open_listener(server->config);
+	if (h->listener < 0)
+		goto fail;
+	print_url(h->listener, url);
+	server->http = h;
+	h->daemon = start_daemon(h);
+	if (h->daemon != NULL)
+		return ERR_OK;
+	log_write(LOG_ERROR, "cannot start the HTTP server");
+	server->http = NULL;
+	close(h->listener);
+fail:
+	pthread_mutex_destroy(&h->lock);
+	free(h);
+	return ERR_IO;
+}
+
+void http_quiesce(struct http *h)
+{
+	MHD_quiesce_daemon(h->daemon);
+	/* Refuses connections; the descriptor is still in the pollers' sets. */
+	shutdown(h->listener, SHUT_RDWR);
+	h->is_quiesced = true;
+}
+
+size_t http_owed(struct http *h)
+{
+	return atomic_load(&h->owed);
+}
+
+size_t http_active(struct http *h)
+{
+	return atomic_load(&h->active);
+}
+
+void http_stop(struct http *h)
+{
+	if (h == NULL)
+		return;
+	MHD_stop_daemon(h->daemon);
+	if (h->is_quiesced)
+		close(h->listener);
+	pthread_mutex_destroy(&h->lock);
+	free(h);
+}

@@ -1,0 +1,50 @@
+/*
+ * libmicrohttpd's side: listening, framing checks, bodies, deadlines.
+ */
+#ifndef SERVER_HTTP_H
+#define SERVER_HTTP_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "core/err.h"
+
+struct exchange;
+struct http;
+struct server;
+
+#define HTTP_URL_MAX 300
+#define HTTP_NO_DEADLINE 1e300
+
+/*
+ * Listens and serves as server->config says. server->http is set before the
+ * first request; url gets "http://HOST:PORT" with the real port. ERR_IO (the
+ * log says why), ERR_MEMORY.
+ */
+enum err http_start(struct server *server, char url[static HTTP_URL_MAX]);
+
+/* Stops listening; connections stay. */
+void http_quiesce(struct http *h);
+
+/* Requests that have arrived and whose answer has not gone out, and requests
+ * begun in all. */
+size_t http_owed(struct http *h);
+size_t http_active(struct http *h);
+
+/* Shuts connections whose deadline has passed. Call about once a second. */
+void http_reap(struct http *h);
+
+/* Closes everything. No exchange may be waiting. NULL does nothing. */
+void http_stop(struct http *h);
+
+/*
+ * For exchanges: when (clock_seconds) the connection is shut if its request,
+ * or answer, has not arrived by then.
+ */
+void http_set_deadline(struct exchange *x, double when);
+
+/* Accounts for body memory; false when all bodies together are too much. */
+bool http_take_bytes(struct http *h, size_t bytes);
+void http_return_bytes(struct http *h, size_t bytes);
+
+#endif

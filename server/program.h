@@ -1,0 +1,50 @@
+/*
+ * A compiled scene as the scheduler runs it: its tape, the operator tables it
+ * needs, and, once the device thread has uploaded it, its copy on the device.
+ *
+ * Reference counted: a scene revision holds one reference, every evaluation in
+ * flight another. The last one is given up through the scheduler, since the
+ * device's copy is the device thread's to drop.
+ */
+#ifndef SERVER_PROGRAM_H
+#define SERVER_PROGRAM_H
+
+#include <stdatomic.h>
+#include <stddef.h>
+
+#include "core/err.h"
+
+struct device_tape;
+struct table_entry;
+struct tables;
+struct tape;
+
+struct program {
+	atomic_size_t refs;
+	struct tape *tape;
+	struct table_entry **entries; /* of tape->operators, in order */
+	size_t entry_count;
+	struct program *dead_next;    /* the scheduler's */
+	/* device thread only: */
+	struct device_tape *loaded;
+	struct program *newer, *older; /* loaded ones, by last use */
+};
+
+/*
+ * Takes tape over, also on failure. The one reference is the caller's.
+ * ERR_LIMIT: its operator tables need more than table_bytes_most together.
+ * ERR_MEMORY.
+ */
+enum err program_create(struct tables *tables, struct tape *tape,
+    size_t table_bytes_most, struct program **out);
+
+/* One reference more. */
+struct program *program_hold(struct program *program);
+
+/* Frees a program without references or device copy. */
+void program_free(struct tables *tables, struct program *program);
+
+/* Bytes its copy on the device takes, about. */
+size_t program_bytes(const struct program *program);
+
+#endif

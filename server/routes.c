@@ -1,0 +1,125 @@
+#include "server/routes.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "server/handlers.h"
+
+static const struct route routes[] = {
+	{"GET", "/", "", false, false, handle_index, "this list"},
+	{"GET", "/healthz", "", false, true, handle_healthz, "is it alive"},
+	{"GET", "/readyz", "", false, true, handle_readyz,
+	    "is it ready for evaluations"},
+	{"GET", "/v1/info", "", false, false, handle_info,
+	    "version, device, limits, queue"},
+	{"GET", "/v1/operators", "", false, false, handle_operators_list,
+	    "named operators, and the tables of operators there are"},
+	{"GET", "/v1/operators/{id}", "", false, false, handle_operator_get,
+	    "one named operator"},
+	{"POST", "/v1/eval", " outputs", true, false, handle_eval,
+	    "evaluate a document at points: {scene, points, outputs}"},
+	{"GET", "/v1/scenes", " limit after", false, false, handle_scenes_list,
+	    "the scenes kept"},
+	{"POST", "/v1/scenes", "", true, false, handle_scenes_post,
+	    "keep a document under a new id"},
+	{"GET", "/v1/scenes/{id}", "", false, false, handle_scene_get,
+	    "the document"},
+	{"PUT", "/v1/scenes/{id}", "", true, false, handle_scene_put,
+	    "keep a document under this id, new or instead of the old one"},
+	{"DELETE", "/v1/scenes/{id}", "", false, false, handle_scene_delete,
+	    "forget it"},
+	{"POST", "/v1/scenes/{id}/eval", " outputs", true, false,
+	    handle_scene_eval, "evaluate it at points: {points, outputs}, "
+	    "raw float32 or npy"},
+};
+
+#define ROUTE_COUNT (sizeof routes / sizeof *routes)
+
+const struct route *route_list(size_t *count)
+{
+	*count = ROUTE_COUNT;
+	return routes;
+}
+
+/* Whether path is of pattern; the segment that stands for {id} into *id. */
+static bool match(const char *pattern, const char *path, const char **id,
+    size_t *id_length)
+{
+	const char *hole = strstr(pattern, "{id}");
+	size_t before, length;
+
+	*id = "";
+	*id_length = 0;
+	if (hole == NULL)
+		return strcmp(pattern, path) == 0;
+	before = (size_t)(hole - pattern);
+	if (strncmp(pattern, path, before) != 0)
+		return false;
+	length = strcspn(path + before, "/");
+	if (length == 0 || strcmp(hole + 4, path + before + length) != 0)
+		return false;
+	*id = path + before;
+	*id_length = length;
+	return true;
+}
+
+static void allow_method(char allow[static ROUTE_ALLOW_MAX],
+    const char *method)
+{
+	size_t length = strlen(allow);
+
+	snprintf(allow + length, ROUTE_ALLOW_MAX - length, "%s%s%s",
+	    length > 0 ? ", " : "", method,
+	    strcmp(method, "GET") == 0 ? ", HEAD" : "");
+}
+
+static bool serves(const struct route *route, const char *method)
+{
+	return strcmp(route->method, method) == 0 ||
+	    (strcmp(method, "HEAD") == 0 && strcmp(route->method, "GET") == 0);
+}
+
+enum route_outcome route_find(const char *method, const char *path,
+    const struct route **out, char *id, size_t id_size,
+    char allow[static ROUTE_ALLOW_MAX])
+{
+	const struct route *found = NULL;
+
+	id[0] = allow[0] = '\0';
+	for (size_t i = 0; i < ROUTE_COUNT; i++) {
+		const char *at;
+		size_t length;
+
+		if (!match(routes[i].pattern, path, &at, &length) ||
+		    length >= id_size)
+			continue;
+		memcpy(id, at, length);
+		id[length] = '\0';
+		allow_method(allow, routes[i].method);
+		if (serves(&routes[i], method))
+			found = &routes[i];
+	}
+	if (allow[0] == '\0')
+		return ROUTE_NO_PATH;
+	allow_method(allow, "OPTIONS");
+	if (strcmp(method, "OPTIONS") == 0)
+		return ROUTE_OPTIONS;
+	if (found == NULL)
+		return ROUTE_NO_METHOD;
+	*out = found;
+	return ROUTE_FOUND;
+}
+
+bool route_knows_query(const struct route *route, const char *name)
+{
+	size_t length = strlen(name);
+
+	for (const char *at = route->query; *at != '\0';) {
+		size_t n = strcspn(++at, " ");
+
+		if (n == length && memcmp(at, name, n) == 0)
+			return true;
+		at += n;
+	}
+	return false;
+}

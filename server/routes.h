@@ -1,0 +1,45 @@
+/*
+ * The one table of what the daemon serves.
+ */
+#ifndef SERVER_ROUTES_H
+#define SERVER_ROUTES_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+struct exchange;
+
+struct route {
+	const char *method;   /* GET also serves HEAD */
+	const char *pattern;  /* "{id}" stands for one segment */
+	const char *query;    /* parameters it knows: " a b" or "" */
+	bool has_body;
+	bool is_probe;        /* asked often: its log lines are LOG_DEBUG */
+	void (*handle)(struct exchange *x);
+	const char *summary;  /* for the index */
+};
+
+/* What a path and a method came to. */
+enum route_outcome {
+	ROUTE_FOUND,
+	ROUTE_NO_PATH,   /* 404 */
+	ROUTE_NO_METHOD, /* 405; allow is filled */
+	ROUTE_OPTIONS    /* allow is filled */
+};
+
+#define ROUTE_ALLOW_MAX 64
+
+/*
+ * Finds the route of method and path. id (id_size bytes) gets what stands for
+ * {id}, "" if nothing does; one too long is no path of ours.
+ */
+enum route_outcome route_find(const char *method, const char *path,
+    const struct route **out, char *id, size_t id_size,
+    char allow[static ROUTE_ALLOW_MAX]);
+
+bool route_knows_query(const struct route *route, const char *name);
+
+/* All routes, for the index. */
+const struct route *route_list(size_t *count);
+
+#endif

@@ -1,0 +1,25 @@
+/*
+ * What every handler can reach: the daemon's parts.
+ */
+#ifndef SERVER_SERVER_H
+#define SERVER_SERVER_H
+
+#include <stdatomic.h>
+
+struct config;
+struct http;
+struct scene_store;
+struct scheduler;
+struct tables;
+
+struct server {
+	const struct config *config;
+	struct tables *tables;
+	struct scheduler *scheduler;
+	struct scene_store *scenes;
+	struct http *http;
+	double started;       /* clock_seconds */
+	atomic_bool draining; /* no new work; connections close after an answer */
+};
+
+#endif
