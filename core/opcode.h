@@ -62,8 +62,9 @@
 
 /*
  * A point further than this from the origin of its frame (largest coordinate)
- * is drawn in along its ray: beyond the reach of every bounded field, and on
- * the same side of every plane, so that no square overflows float32.
+ * is drawn in along its ray, so that no square overflows float32: beyond the
+ * reach of every bounded field that lies within TREE_COORDINATE_MAX of that
+ * origin, and on the same side of every plane there.
  */
 #define POINT_REACH 1e12f
 

@@ -1,9 +1,12 @@
 #include "core/opening_table.h"
 
 #include <assert.h>
+#include <math.h>
 #include <stddef.h>
 
 #include "core/curve.h"
+
+#define QUARTER_PI 0.78539816339744830962
 
 void opening_table_build(const struct opening *opening, int count, float *out)
 {
@@ -27,5 +30,7 @@ void opening_table_lookup(const float *table, int count, double cosine,
 	double at[3];
 
 	curve_lookup(table, count, 2.0, 0.5 * (cosine + 1.0), at);
-	*out = (struct opening_jet){at[0], at[1], at[2]};
+	/* Between nodes on either side of a steep rise the cubic overshoots. */
+	*out = (struct opening_jet){fmin(fmax(at[0], 0.0), QUARTER_PI), at[1],
+	    at[2]};
 }

@@ -31,8 +31,9 @@
  * g'', which grows as 1/f, stays finite. */
 #define FIELD_MIN 1e-20
 
-/* |dG/dC| is held above this, and so first derivatives below its inverse. */
-#define STEEPEST 1e-6
+/* |dG/dC| is held above this, and so first derivatives below its inverse: only
+ * the fold of bulge with K over 0.99 comes near, where they have no bound. */
+#define STEEPEST 1e-2
 
 /* phi(0) unclamped, -eta(0): where an arc in t or s begins. */
 #define ARC_START -2.6e-7

@@ -9,6 +9,7 @@
 #define OUTPUT_VALUE 1u
 #define OUTPUT_GRADIENT 2u
 #define OUTPUT_HESSIAN 4u
+#define OUTPUT_ALL 7u
 
 /* Floats a point has in a row: 1 + 3 + 6. */
 static inline int output_row_floats(unsigned outputs)

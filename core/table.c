@@ -173,22 +173,26 @@ static void fill_uniform(const struct table *t, int it, int iu, int iv,
 	second[6] = second[7] = 0.0f;
 }
 
-/* sigma(r) is the union of 1 and r at theta = 0, where k = 0. */
+/*
+ * sigma(r) is the union of 1 and r at theta = 0, where k = 0. Over v, with
+ * s = 1 - v and r = 1 - s^2, its slope is 2 s sigma', which stays finite.
+ */
 static void fill_curves(const struct table *t)
 {
 	for (int i = 0; i < TABLE_CURVE_NODES; i++) {
 		float *phi = t->curves + CURVE_NODE * (TABLE_PHI + i);
 		float *sigma = t->curves + CURVE_NODE * (TABLE_SIGMA + i);
-		double x = (double)i / (TABLE_CURVE_NODES - 1), p[3];
+		double x = (double)i / (TABLE_CURVE_NODES - 1), p[3], s = 1.0 - x;
 		struct operator_jet j;
 
 		boundary_phi(2.0 * x, p);
-		operator_eval(FAMILY_UNION, &t->profile, 1.0, x, 0.0, 2, &j);
+		operator_eval(FAMILY_UNION, &t->profile, 1.0, 1.0 - s * s, 0.0, 2,
+		    &j);
 		for (int k = 0; k < 3; k++)
 			phi[k] = (float)p[k];
 		sigma[0] = (float)j.g;
-		sigma[1] = (float)j.g2;
-		sigma[2] = (float)j.g22;
+		sigma[1] = (float)(2.0 * s * j.g2);
+		sigma[2] = (float)(4.0 * s * s * j.g22 - 2.0 * j.g2);
 		phi[3] = sigma[3] = 0.0f;
 	}
 }
@@ -277,6 +281,25 @@ static void to_theta(double T, struct operator_jet *j)
 	j->g2t *= T1;
 }
 
+/* sigma and its derivatives in r = b/a, by way of v. */
+static void lookup_sigma(const struct table *t, double r, double out[static 3])
+{
+	double s = sqrt(fmax(0.0, 1.0 - r)), at[3];
+
+	lookup_curve(t, TABLE_SIGMA, 1.0, 1.0 - s, at);
+	out[0] = at[0];
+	if (s < TABLE_FOLD_FIRST) {
+		s = TABLE_FOLD_FIRST;
+		lookup_curve(t, TABLE_SIGMA, 1.0, 1.0 - s, at);
+	}
+	out[1] = at[1] / (2.0 * s);
+	if (s < TABLE_FOLD_SECOND) {
+		s = TABLE_FOLD_SECOND;
+		lookup_curve(t, TABLE_SIGMA, 1.0, 1.0 - s, at);
+	}
+	out[2] = (at[2] + at[1] / s) / (4.0 * s * s);
+}
+
 /*
  * g = T/2 + a sigma(r), r = b/a, homogeneous of degree 1 in a and b, each of
  * which moves by -1/2 with T. False, and *out untouched, if g < 1/2, where this is not
@@ -289,7 +312,7 @@ static bool closed_form(const struct table *t, const struct spot *p,
 
 	if (!(a > 0.0 && r > 0.0))
 		return false;
-	lookup_curve(t, TABLE_SIGMA, 1.0, r, s);
+	lookup_sigma(t, r, s);
 	g = p->T / 2 + a * s[0];
 	if (g < 0.5)
 		return false;

@@ -23,7 +23,8 @@
  * in g by 3 to 10 and the fold's largest by 3.
  *
  * Beside the parts lie two curves (core/curve.h) of TABLE_CURVE_NODES nodes:
- * phi on [0, 2], and sigma on [0, 1], the union's closed form for C >= 1/2:
+ * phi on [0, 2], and sigma on [0, 1], the union's closed form for C >= 1/2, over
+ * v with b/a = 1 - (1-v)^2: on the fold of bulge with K = 1 it rises as a root.
  * g = T/2 + a sigma(b/a) with a = near - T/2, b = far - T/2.
  */
 #ifndef CORE_TABLE_SHAPE_H
@@ -34,6 +35,11 @@
 #define TABLE_CURVE_NODES 513
 #define TABLE_PHI 0                  /* first node of phi */
 #define TABLE_SIGMA TABLE_CURVE_NODES /* first node of sigma */
+
+/* Slopes of sigma in b/a are sigma_v/(2 (1-v)), and its second derivative
+ * divides by (1-v)^2: below these 1-v, neighbouring values stand for them. */
+#define TABLE_FOLD_FIRST 1e-3f
+#define TABLE_FOLD_SECOND 3e-2f
 
 /* D is held this far from 0, where theta = pi/4 closes the region at 1/2. */
 #define TABLE_DEPTH_MIN 1e-7f

@@ -77,7 +77,8 @@ static void opening_lookup(__global const float *openings,
 
 	curve_lookup(openings + desc->opening, desc->opening_count, 2.0f,
 	    0.5f * (c + 1.0f), at);
-	*theta = at[0];
+	/* Between nodes on either side of a steep rise the cubic overshoots. */
+	*theta = real_clamp(at[0], REAL(0.0f), REAL(0.785398163f));
 	*slope = at[1];
 	*bend = at[2];
 }

@@ -88,6 +88,8 @@ size_t device_table_bytes(const struct device *d, size_t *most);
  */
 enum err device_load_table(struct device *d, const struct table *table,
     int *slot);
+
+/* Frees a slot that device_load_table gave. No tape may still use it. */
 void device_drop_table(struct device *d, int slot);
 
 /*
@@ -98,13 +100,15 @@ void device_drop_table(struct device *d, int slot);
  */
 enum err device_load_tape(struct device *d, const struct tape *tape,
     const int *slots, struct device_tape **out);
+
+/* Frees a tape that device_load_tape gave; NULL does nothing. */
 void device_drop_tape(struct device *d, struct device_tape *t);
 
 /*
  * Evaluates t at count points (xyz, finite, world units) and writes a row of
  * output_row_floats(outputs) floats each to rows (core/output.h). Any count;
  * pieces of bounded size go through the device. go_on, if not NULL, is asked
- * before each piece; false ends with ERR_CANCELLED. ERR_DEVICE,
+ * before each piece; false ends with ERR_CANCELLED. ERR_INVALID, ERR_DEVICE,
  * ERR_DEVICE_MEMORY. Every number written is finite.
  */
 enum err device_evaluate(struct device *d, struct device_tape *t,

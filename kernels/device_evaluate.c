@@ -38,10 +38,14 @@ static size_t piece_points(const struct device *d, const struct device_tape *t)
 	return points - points % d->group_points;
 }
 
-static cl_int set(cl_kernel kernel, cl_uint *index, size_t size,
-    const void *value)
+/* Sets the next argument; *code keeps the first failure. */
+static void set(cl_kernel kernel, cl_uint *index, size_t size,
+    const void *value, cl_int *code)
 {
-	return clSetKernelArg(kernel, (*index)++, size, value);
+	cl_int failed = clSetKernelArg(kernel, (*index)++, size, value);
+
+	if (*code == CL_SUCCESS)
+		*code = failed;
 }
 
 /* In the order of the kernel `evaluate`, but for its last two. */
@@ -54,19 +58,19 @@ static enum err set_tape(struct device *d, const struct device_tape *t,
 
 	*next = 0;
 	if (tables->are_images) {
-		code |= set(d->kernel, next, sizeof(cl_mem), &tables->first);
-		code |= set(d->kernel, next, sizeof(cl_mem), &tables->second);
+		set(d->kernel, next, sizeof(cl_mem), &tables->first, &code);
+		set(d->kernel, next, sizeof(cl_mem), &tables->second, &code);
 	} else {
-		code |= set(d->kernel, next, sizeof(cl_mem),
-		    &tables->arena.buffer);
+		set(d->kernel, next, sizeof(cl_mem), &tables->arena.buffer,
+		    &code);
 	}
-	code |= set(d->kernel, next, sizeof(cl_mem), &tables->arena.buffer);
-	code |= set(d->kernel, next, sizeof(cl_mem), &t->openings);
-	code |= set(d->kernel, next, sizeof(cl_mem), &t->descs);
-	code |= set(d->kernel, next, sizeof(cl_mem), &t->insns);
-	code |= set(d->kernel, next, sizeof(t->insn_count), &t->insn_count);
-	code |= set(d->kernel, next, sizeof(cl_mem), &t->params);
-	code |= set(d->kernel, next, sizeof(mask), &mask);
+	set(d->kernel, next, sizeof(cl_mem), &tables->arena.buffer, &code);
+	set(d->kernel, next, sizeof(cl_mem), &t->openings, &code);
+	set(d->kernel, next, sizeof(cl_mem), &t->descs, &code);
+	set(d->kernel, next, sizeof(cl_mem), &t->insns, &code);
+	set(d->kernel, next, sizeof(t->insn_count), &t->insn_count, &code);
+	set(d->kernel, next, sizeof(cl_mem), &t->params, &code);
+	set(d->kernel, next, sizeof(mask), &mask, &code);
 	if (code != CL_SUCCESS)
 		return device_fail(&d->failure, "clSetKernelArg", code);
 	return ERR_OK;
@@ -77,9 +81,10 @@ static enum err launch(struct device *d, cl_uint next, cl_mem points,
     cl_mem rows, size_t count)
 {
 	size_t items = count / d->item_points;
-	cl_int code = clSetKernelArg(d->kernel, next, sizeof(points), &points);
+	cl_int code = CL_SUCCESS;
 
-	code |= clSetKernelArg(d->kernel, next + 1, sizeof(rows), &rows);
+	set(d->kernel, &next, sizeof(points), &points, &code);
+	set(d->kernel, &next, sizeof(rows), &rows, &code);
 	if (code != CL_SUCCESS)
 		return device_fail(&d->failure, "clSetKernelArg", code);
 	code = clEnqueueNDRangeKernel(d->queue, d->kernel, 1, NULL, &items,
@@ -198,15 +203,20 @@ enum err device_evaluate(struct device *d, struct device_tape *t,
 {
 	size_t stride = (size_t)output_row_floats(outputs);
 	size_t most = piece_points(d, t), whole;
+	enum err err;
 	cl_uint next;
-	enum err err = set_tape(d, t, outputs, &next);
 
+	if (outputs == 0 || outputs > OUTPUT_ALL)
+		return device_refuse(&d->failure, ERR_INVALID,
+		    "there are no outputs %#x", outputs);
+	err = set_tape(d, t, outputs, &next);
 	for (size_t done = 0; !err && done < count;) {
 		struct piece piece = {points + done * 3, rows + done * stride,
 			min_size(most, count - done)};
 
 		if (go_on && !go_on(ctx))
-			return ERR_CANCELLED;
+			return device_refuse(&d->failure, ERR_CANCELLED,
+			    "given up after %zu of %zu points", done, count);
 		whole = piece.count - piece.count % d->group_points;
 		if (d->shares_memory && piece.count > d->staged_points) {
 			piece.count = whole;

@@ -114,3 +114,9 @@ void device_failure_fini(struct device_failure *failure)
 	free(failure->build_log);
 	memset(failure, 0, sizeof(*failure));
 }
+
+enum err device_out_of_memory(struct device_failure *failure)
+{
+	return device_refuse(failure, ERR_MEMORY, "%s",
+	    err_message(ERR_MEMORY));
+}

@@ -10,6 +10,7 @@
 #include <CL/cl.h>
 
 #include "core/descriptor.h"
+#include "core/profile.h"
 #include "kernels/device.h"
 
 /* A stretch of an arena, in floats. */
@@ -29,6 +30,7 @@ struct device_arena {
 struct device_slot {
 	bool used;
 	struct operator_desc desc; /* but for the opening's members */
+	struct profile profile;
 	struct device_span span;   /* in the arena */
 	unsigned tiles;            /* images: bit i for tile i of each slice */
 	size_t bytes;
@@ -88,6 +90,9 @@ enum err device_fail(struct device_failure *failure, const char *call,
 __attribute__((format(printf, 3, 4)))
 enum err device_refuse(struct device_failure *failure, enum err err,
     const char *format, ...);
+
+/* ERR_MEMORY, with a message that says so. */
+enum err device_out_of_memory(struct device_failure *failure);
 
 /* device_select.c */
 

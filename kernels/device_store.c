@@ -364,7 +364,7 @@ enum err device_load_table(struct device *d, const struct table *table,
 	enum err err;
 
 	if (!s)
-		return ERR_MEMORY;
+		return device_out_of_memory(&d->failure);
 	if (!place(t, table, s))
 		return device_refuse(&d->failure, ERR_DEVICE_MEMORY,
 		    "no room for an operator table of %zu bytes: %zu of %zu "
@@ -375,6 +375,7 @@ enum err device_load_table(struct device *d, const struct table *table,
 		return err;
 	}
 	s->used = true;
+	s->profile = table->profile;
 	t->bytes += s->bytes;
 	*slot = (int)(s - t->slots);
 	return ERR_OK;
@@ -383,9 +384,11 @@ enum err device_load_table(struct device *d, const struct table *table,
 void device_drop_table(struct device *d, int slot)
 {
 	struct device_store *t = &d->tables;
-	struct device_slot *s = t->slots + slot;
+	struct device_slot *s;
 
-	assert(slot >= 0 && (size_t)slot < t->slot_count && s->used);
+	assert(slot >= 0 && (size_t)slot < t->slot_count);
+	s = t->slots + slot;
+	assert(s->used);
 	t->bytes -= s->bytes;
 	unplace(t, s);
 }

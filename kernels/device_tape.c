@@ -33,12 +33,23 @@ static const char *insn_fault(const struct tape *tape, const struct insn *insn)
 		return "has an unknown opcode";
 	if (insn->extra > 2)
 		return "asks for too high an order";
-	if (insn->param > tape->param_count ||
+	/* The interpreter reads one even where the opcode has none. */
+	if (insn->param >= tape->param_count ||
 	    tape->param_count - insn->param < param_counts[insn->op])
 		return "reads parameters beyond the last";
 	if (insn->op >= OP_UNION && insn->index >= tape->operator_count)
 		return "uses an operator that is not there";
 	return NULL;
+}
+
+/* The orders beyond the root's that instruction insn needs of its operands. */
+static unsigned operand_extra(const struct tape *tape, const struct insn *insn)
+{
+	bool by_angle = insn->op >= OP_UNION &&
+	    !opening_is_constant(&tape->operators[insn->index].opening);
+	unsigned extra = insn->extra + by_angle;
+
+	return extra > 2 ? 2 : extra;
 }
 
 /*
@@ -47,6 +58,7 @@ static const char *insn_fault(const struct tape *tape, const struct insn *insn)
  */
 static enum err check(struct device *d, const struct tape *tape)
 {
+	unsigned extra[TAPE_STACK_MAX];
 	size_t depth = 0, takes, puts;
 
 	for (size_t i = 0; i < tape->insn_count; i++) {
@@ -58,11 +70,18 @@ static enum err check(struct device *d, const struct tape *tape)
 				fault = "finds too few jets on the stack";
 			else if (depth - takes + puts > TAPE_STACK_MAX)
 				fault = "finds the stack full";
+			for (size_t k = 0; !fault && k < takes; k++)
+				if (extra[depth - 1 - k] <
+				    operand_extra(tape, tape->insns + i))
+					fault = "needs more derivatives than "
+					    "its operands have";
 		}
 		if (fault)
 			return device_refuse(&d->failure, ERR_INVALID,
 			    "instruction %zu of the tape %s", i, fault);
 		depth += puts - takes;
+		if (puts > 0)
+			extra[depth - 1] = tape->insns[i].extra;
 	}
 	if (depth != 1)
 		return device_refuse(&d->failure, ERR_INVALID,
@@ -71,6 +90,14 @@ static enum err check(struct device *d, const struct tape *tape)
 		return device_refuse(&d->failure, ERR_INVALID,
 		    "the tape is longer than 32 bits can count");
 	return ERR_OK;
+}
+
+static bool suits(const struct device_slot *slot, const struct operator *op)
+{
+	return slot->desc.family == (uint32_t)op->family &&
+	    slot->desc.layout == (uint32_t)op->layout &&
+	    slot->desc.resolution == (uint32_t)op->resolution &&
+	    profile_equal(&slot->profile, &op->profile);
 }
 
 static enum err check_slots(struct device *d, const struct tape *tape,
@@ -86,10 +113,10 @@ static enum err check_slots(struct device *d, const struct tape *tape,
 			return device_refuse(&d->failure, ERR_INVALID,
 			    "operator %zu of the tape has no resident table",
 			    i);
-		if (t->slots[slots[i]].desc.family != (uint32_t)op->family)
+		if (!suits(&t->slots[slots[i]], op))
 			return device_refuse(&d->failure, ERR_INVALID,
-			    "operator %zu of the tape has a table of the other "
-			    "family", i);
+			    "operator %zu of the tape has another operator's "
+			    "table", i);
 	}
 	return ERR_OK;
 }
@@ -123,7 +150,7 @@ static enum err create_params(struct device *d, const struct tape *tape,
 	enum err err;
 
 	if (!params)
-		return ERR_MEMORY;
+		return device_out_of_memory(&d->failure);
 	for (size_t i = 0; i < tape->param_count; i++) {
 		double p = tape->params[i];
 
@@ -179,11 +206,13 @@ static enum err create_operators(struct device *d, const struct tape *tape,
 	size_t count = tape->operator_count;
 	struct operator_desc *descs = calloc(count + 1, sizeof(*descs));
 	float *floats = malloc((count + 1) * OPENING_FLOATS * sizeof(*floats));
-	enum err err = ERR_MEMORY;
+	enum err err = ERR_OK;
 	size_t used;
 
-	if (!descs || !floats)
+	if (!descs || !floats) {
+		err = device_out_of_memory(&d->failure);
 		goto out;
+	}
 	for (size_t i = 0; i < count; i++)
 		descs[i] = d->tables.slots[slots[i]].desc;
 	used = sample_openings(tape, descs, floats);
@@ -209,7 +238,7 @@ enum err device_load_tape(struct device *d, const struct tape *tape,
 		return err;
 	t = calloc(1, sizeof(*t));
 	if (!t)
-		return ERR_MEMORY;
+		return device_out_of_memory(&d->failure);
 	t->insn_count = (uint32_t)tape->insn_count;
 	err = create(d, tape->insns, tape->insn_count * sizeof(*tape->insns),
 	    &t->insns);

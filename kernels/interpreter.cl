@@ -168,6 +168,27 @@ static inline void store_rows(const struct jetr *f, uint outputs,
 }
 
 /*
+ * Whether instruction i < last pushes a point of exponent 3 that the next one
+ * adds, up to gradients.
+ */
+static inline int adds_point(__global const struct insn *insns, uint i,
+    uint last, __global const float *params, int order)
+{
+	return i < last && insns[i].op == OP_POINT && order < 2 &&
+	    insns[i + 1].op == OP_SUM && params[insns[i].param + 4] == 3.0f;
+}
+
+/* Both instructions in one, without a stop in memory. */
+static inline void add_point(__global const float *p, struct vec3r x,
+    int order, struct jetr *sum)
+{
+	struct jetr f;
+
+	point_cubic(p, x, order, &f);
+	compose_sum(sum, &f, order);
+}
+
+/*
  * Every work-item evaluates BLOCK times WIDTH points, so that the instructions'
  * decoding is shared and independent arithmetic overlaps. The host pads points
  * and rows to whole work-groups, and has checked the tape: nothing here does.
@@ -195,7 +216,13 @@ __kernel void evaluate(TABLE_ARGS, __global const float *openings,
 		__global const float *p = params + insn.param;
 		int order = min(root_order + (int)insn.extra, 2);
 
-		if (insn.op == OP_FRAME) {
+		if (adds_point(insns, i, insn_count - 1, params, order)) {
+			for (int b = 0; b < BLOCK && order == 0; b++)
+				add_point(p, x[b], 0, &stack[b][top - 1]);
+			for (int b = 0; b < BLOCK && order == 1; b++)
+				add_point(p, x[b], 1, &stack[b][top - 1]);
+			i++;
+		} else if (insn.op == OP_FRAME) {
 			for (int b = 0; b < BLOCK; b++)
 				x[b] = enter_frame(p, world[b]);
 		} else if (insn.op == OP_CARRY) {

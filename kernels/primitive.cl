@@ -87,6 +87,32 @@ static inline real support(real d2, float inv_r2)
 	return real_min(d2, REAL(4.0f / inv_r2)) * inv_r2;
 }
 
+/*
+ * The commonest exponent, 3: f = w b^3, b = 1 - d^2/R^2. What b = 0 multiplies
+ * is finite in this order of evaluation, however far the point.
+ */
+static inline void point_cubic(__global const float *p, struct vec3r x,
+    int order, struct jetr *out)
+{
+	struct vec3r e = vec3r_sub(x, vec3r_load(p));
+	float inv_r2 = p[3], inv_r = sqrt(inv_r2);
+	real b = real_max(1.0f - vec3r_dot(e, e) * inv_r2, REAL(0.0f));
+	real wb = p[5] * b, f1;
+	struct vec3r t, k;
+
+	out->value = wb * b * b;
+	if (order < 1)
+		return;
+	f1 = -6.0f * inv_r2 * b * wb;
+	out->gradient = vec3r_scale(f1, e);
+	if (order < 2)
+		return;
+	t = vec3r_scale(REAL(inv_r), e);
+	k = vec3r_scale(24.0f * inv_r2 * wb, t);
+	out->hessian = sym3r(f1 + k.x * t.x, f1 + k.y * t.y, f1 + k.z * t.z,
+	    k.x * t.y, k.x * t.z, k.y * t.z);
+}
+
 static void point(__global const float *p, struct vec3r x, int order,
     struct jetr *out)
 {
@@ -94,6 +120,10 @@ static void point(__global const float *p, struct vec3r x, int order,
 	float inv_r2 = p[3];
 	struct jetr s;
 
+	if (p[4] == 3.0f) {
+		point_cubic(p, x, order, out);
+		return;
+	}
 	s.value = support(vec3r_dot(e, e), inv_r2);
 	s.gradient = vec3r_scale(REAL(2.0f * inv_r2), e);
 	s.hessian = sym3r_identity(REAL(2.0f * inv_r2));

@@ -65,6 +65,31 @@ static inline real table_coordinate(real near)
 	    (1.0f + sqrt(real_max(1.0f - 2.0f * near, REAL(0.0f))));
 }
 
+/* sigma and its derivatives in r, up to order, by way of v: sqrt(1 - r) = 1 - v. */
+static void table_sigma(__global const float *sigma, real r, int order,
+    real out[3])
+{
+	real s = sqrt(real_max(1.0f - r, REAL(0.0f))), at[3];
+
+	curve_lookup(sigma, TABLE_CURVE_NODES, 1.0f, 1.0f - s, at);
+	out[0] = at[0];
+	out[1] = out[2] = REAL(0.0f);
+	if (order < 1)
+		return;
+	if (ANY(s < REAL(TABLE_FOLD_FIRST))) {
+		s = real_max(s, REAL(TABLE_FOLD_FIRST));
+		curve_lookup(sigma, TABLE_CURVE_NODES, 1.0f, 1.0f - s, at);
+	}
+	out[1] = at[1] / (2.0f * s);
+	if (order < 2)
+		return;
+	if (ANY(s < REAL(TABLE_FOLD_SECOND))) {
+		s = real_max(s, REAL(TABLE_FOLD_SECOND));
+		curve_lookup(sigma, TABLE_CURVE_NODES, 1.0f, 1.0f - s, at);
+	}
+	out[2] = (at[2] + at[1] / s) / (4.0f * s * s);
+}
+
 /*
  * The union's closed form at C >= 1/2: writes the lanes of out where it holds,
  * and returns them. Only points outside x + y = 1 there can be.
@@ -80,7 +105,7 @@ static mask table_closed(__global const float *sigma, mask blend, real near,
 	if (!ANY(closed))
 		return closed;
 	r = SELECT(REAL(0.0f), b / a, closed);
-	curve_lookup(sigma, TABLE_CURVE_NODES, 1.0f, r, s);
+	table_sigma(sigma, r, order, s);
 	g = half_t + a * s[0];
 	closed = closed & (g >= REAL(0.5f));
 	out->g = SELECT(out->g, g, closed);

@@ -77,7 +77,7 @@ static void add(struct small *s, uint32_t op, uint32_t extra, size_t count,
     const double *params)
 {
 	s->insns[s->tape.insn_count++] = (struct insn){op, extra,
-		(uint32_t)s->tape.param_count, 0};
+		count ? (uint32_t)s->tape.param_count : 0, 0};
 	if (count)
 		memcpy(s->params + s->tape.param_count, params,
 		    count * sizeof(*params));
@@ -280,6 +280,18 @@ static void spoil_param_wraps(struct small *s)
 	s->insns[3].param = UINT32_MAX;
 }
 
+/* A sum has no parameters, but its place for them must be there. */
+static void spoil_last_param(struct small *s)
+{
+	s->insns[4].param = (uint32_t)s->tape.param_count;
+}
+
+/* An opening by the angle needs its operands' gradients. */
+static void spoil_order(struct small *s)
+{
+	s->insns[1].extra = 0;
+}
+
 static void spoil_index(struct small *s)
 {
 	s->insns[2].index = 1;
@@ -307,6 +319,8 @@ static void test_device_refuses_bad_tapes(void **state)
 	check_bad_tape(spoil_extra, "order");
 	check_bad_tape(spoil_param, "instruction 3");
 	check_bad_tape(spoil_param_wraps, "beyond the last");
+	check_bad_tape(spoil_last_param, "instruction 4");
+	check_bad_tape(spoil_order, "more derivatives");
 	check_bad_tape(spoil_index, "operator");
 	check_bad_tape(spoil_underflow, "too few jets");
 	check_bad_tape(spoil_leftover, "leaves 2 jets");
@@ -354,8 +368,16 @@ static void test_device_refuses_slots_that_do_not_suit(void **state)
 	s.op.family = FAMILY_INTERSECTION;
 	assert_int_equal(device_load_tape(device, &s.tape, &slot, &t),
 	    ERR_INVALID);
-	device_drop_table(device, slot);
 	s.op.family = FAMILY_UNION;
+	s.op.profile = profile_bulge(0.5);
+	assert_int_equal(device_load_tape(device, &s.tape, &slot, &t),
+	    ERR_INVALID);
+	s.op.profile = profile_smooth();
+	s.op.resolution++;
+	assert_int_equal(device_load_tape(device, &s.tape, &slot, &t),
+	    ERR_INVALID);
+	s.op.resolution--;
+	device_drop_table(device, slot);
 	assert_int_equal(device_load_tape(device, &s.tape, &slot, &t),
 	    ERR_INVALID);
 }
@@ -561,8 +583,8 @@ static void evaluate_on(const struct device_options *options, uint32_t op,
 	device_close(d);
 }
 
-/* Values and gradients; Hessians are compared where they are no limit of a
- * branch, which rounding may decide either way. */
+/* The largest difference in values and gradients; test_lookup compares Hessians
+ * too. */
 static double compare_rows(size_t count)
 {
 	double most = 0.0;
@@ -593,13 +615,21 @@ static void test_device_widths_agree(void **state)
 	}
 }
 
+static bool have_images(void)
+{
+	if (device_get_info(device)->has_images)
+		return true;
+	printf("skipped: the device has no images\n");
+	return false;
+}
+
 static void test_device_images_agree_with_buffers(void **state)
 {
 	struct device_options options = {.tables = DEVICE_TABLES_BUFFER};
 	enum { N = 4000 };
 
 	(void)state;
-	if (!device_get_info(device)->has_images)
+	if (!have_images())
 		skip();
 	options.table_bytes = 16 << 20;
 	for (uint32_t op = OP_UNION; op <= OP_INTERSECTION; op++) {
@@ -624,7 +654,7 @@ static void test_device_image_tiles_do_not_overlap(void **state)
 	int slot;
 
 	(void)state;
-	if (!device_get_info(device)->has_images)
+	if (!have_images())
 		skip();
 	d = open_device(&options);
 	op.profile = profile_circle();

@@ -143,14 +143,14 @@ struct profile random_profile_make(enum random_profile profile)
 	}
 }
 
-/* Any but a constant one; its intervals are at least 0.3 rad wide. */
+/* Any but a constant one; its intervals are at least 0.1 rad wide. */
 static struct opening random_opening(struct random_stream *r)
 {
 	struct opening o;
 
 	o.alpha[0] = chance(r, 0.3) ? 0.0 : random_in(r, 0.0, 1.0);
-	o.alpha[1] = random_in(r, o.alpha[0] + 0.3, PI - 0.4);
-	o.alpha[2] = chance(r, 0.3) ? PI : random_in(r, o.alpha[1] + 0.3, PI);
+	o.alpha[1] = random_in(r, o.alpha[0] + 0.1, PI - 0.2);
+	o.alpha[2] = chance(r, 0.3) ? PI : random_in(r, o.alpha[1] + 0.1, PI);
 	for (int i = 0; i < 3; i++)
 		o.theta[i] = random_in(r, 0.0, PI / 4);
 	o.w[0] = random_in(r, 0.5, 3.0);
