@@ -26,6 +26,7 @@ struct document {
 	const char *name;
 	struct tree tree;
 	struct tape *tape;
+	bool has_operators;
 };
 
 /* What the top level is read into. */
@@ -95,6 +96,7 @@ static void read_document(struct reader *r, const struct json_place *at,
 	document->tree.null_gradient = draft.null_gradient;
 	if (reader_goes_on(r))
 		operator_read_all(r, &operators, draft.operators);
+	document->has_operators = r->operator_count > 0;
 	if (reader_goes_on(r) && draft.root)
 		document->tree.root = node_read(r, &root, draft.root, NULL, 0);
 	if (reader_goes_on(r))
@@ -180,6 +182,11 @@ const char *document_name(const struct document *d)
 const struct tree *document_tree(const struct document *d)
 {
 	return &d->tree;
+}
+
+bool document_has_operators(const struct document *d)
+{
+	return d->has_operators;
 }
 
 const struct tape *document_tape(const struct document *d)

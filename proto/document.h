@@ -12,6 +12,7 @@
 #ifndef PROTO_DOCUMENT_H
 #define PROTO_DOCUMENT_H
 
+#include <stdbool.h>
 #include <stddef.h>
 
 #include "core/err.h"
@@ -61,6 +62,9 @@ void document_free(struct document *d);
 /* The document's name, or "". */
 const char *document_name(const struct document *d);
 const struct tree *document_tree(const struct document *d);
+
+/* Whether it has operators under names of its own. */
+bool document_has_operators(const struct document *d);
 
 /* The compiled tape: borrowed (NULL once taken), or taken over by the caller. */
 const struct tape *document_tape(const struct document *d);

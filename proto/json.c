@@ -20,8 +20,10 @@ struct json_text json_text(const char *text, size_t length,
 	    0};
 }
 
-enum err json_expected(const struct json_text *text,
-    const struct json_place *place, const char *what, struct faults *faults)
+/* Adds what, where the cursor is, and behind it more; ERR_SYNTAX. */
+static enum err refuse(const struct json_text *text,
+    const struct json_place *place, const char *what, const char *more,
+    struct faults *faults)
 {
 	size_t line = 1, column = 1;
 	const char *p;
@@ -34,9 +36,21 @@ enum err json_expected(const struct json_text *text,
 		}
 	}
 	json_fault(faults, place, "line %zu, column %zu (byte %zu): %s%s",
-	    line, column, (size_t)(text->cursor - text->start), what,
-	    text->cursor == text->end ? ", but the text ends" : "");
+	    line, column, (size_t)(text->cursor - text->start), what, more);
 	return ERR_SYNTAX;
+}
+
+enum err json_expected(const struct json_text *text,
+    const struct json_place *place, const char *what, struct faults *faults)
+{
+	return refuse(text, place, what, text->cursor == text->end ?
+	    ", but the text ends" : "", faults);
+}
+
+enum err json_wrong(const struct json_text *text,
+    const struct json_place *place, const char *what, struct faults *faults)
+{
+	return refuse(text, place, what, "", faults);
 }
 
 static int hex_digit(char c)
@@ -181,23 +195,36 @@ static void decode(const char *p, const char *end, char *out)
 	*out = '\0';
 }
 
-enum err json_string(struct json_text *text, const struct json_place *place,
-    char **out, struct faults *faults)
+/* Moves past a string, after white space; *start is behind its first quote. */
+static enum err pass_string(struct json_text *text,
+    const struct json_place *place, const char **start, struct faults *faults)
 {
-	const char *start, *what;
-	char *string;
+	const char *what;
 
 	if (!json_take(text, '"'))
 		return json_expected(text, place, "expected a string", faults);
-	start = text->cursor;
+	*start = text->cursor;
 	what = check_string(text);
 	if (what)
 		return json_expected(text, place, what, faults);
-	string = arena_alloc(text->arena, (size_t)(text->cursor - start) + 1);
+	text->cursor++;
+	return ERR_OK;
+}
+
+enum err json_string(struct json_text *text, const struct json_place *place,
+    char **out, struct faults *faults)
+{
+	const char *start;
+	char *string;
+	enum err err;
+
+	err = pass_string(text, place, &start, faults);
+	if (err)
+		return err;
+	string = arena_alloc(text->arena, (size_t)(text->cursor - start));
 	if (!string)
 		return ERR_MEMORY;
-	decode(start, text->cursor, string);
-	text->cursor++;
+	decode(start, text->cursor - 1, string);
 	*out = string;
 	return ERR_OK;
 }
@@ -321,7 +348,7 @@ static enum err check_names(const struct json_text *text,
 	if (err || !duplicate)
 		return err;
 	at = json_member(place, duplicate->string);
-	return json_expected(text, &at,
+	return json_wrong(text, &at,
 	    "the object that ends here has this member twice", faults);
 }
 
@@ -392,20 +419,28 @@ static enum err read_any(struct json_text *text,
 	}
 }
 
+/* Whether a value may begin here, after white space. */
+static enum err begin_value(struct json_text *text,
+    const struct json_place *place, struct faults *faults)
+{
+	json_space(text);
+	if (text->cursor == text->end)
+		return json_expected(text, place, "expected a value", faults);
+	if (text->depth < JSON_DEPTH_MAX)
+		return ERR_OK;
+	json_fault(faults, place, "nested more than %d deep", JSON_DEPTH_MAX);
+	return ERR_LIMIT;
+}
+
 enum err json_value(struct json_text *text, const struct json_place *place,
     struct cJSON **out, struct faults *faults)
 {
 	cJSON *value;
 	enum err err;
 
-	json_space(text);
-	if (text->cursor == text->end)
-		return json_expected(text, place, "expected a value", faults);
-	if (text->depth == JSON_DEPTH_MAX) {
-		json_fault(faults, place, "nested more than %d deep",
-		    JSON_DEPTH_MAX);
-		return ERR_LIMIT;
-	}
+	err = begin_value(text, place, faults);
+	if (err)
+		return err;
 	if (text->values_left == 0) {
 		json_fault(faults, place, "too many JSON values");
 		return ERR_LIMIT;
@@ -419,6 +454,57 @@ enum err json_value(struct json_text *text, const struct json_place *place,
 	text->depth--;
 	if (!err)
 		*out = value;
+	return err;
+}
+
+/* Moves past an array or an object. */
+static enum err skip_elements(struct json_text *text,
+    const struct json_place *place, struct faults *faults)
+{
+	const bool is_object = *text->cursor == '{';
+	const char close = is_object ? '}' : ']';
+	const char *name;
+	enum err err = ERR_OK;
+
+	text->cursor++;
+	if (json_take(text, close))
+		return ERR_OK;
+	do {
+		if (is_object) {
+			err = pass_string(text, place, &name, faults);
+			if (!err && !json_take(text, ':'))
+				err = json_expected(text, place, "expected ':'",
+				    faults);
+		}
+		if (!err)
+			err = json_skip(text, place, faults);
+		if (err)
+			return err;
+	} while (json_take(text, ','));
+	if (json_take(text, close))
+		return ERR_OK;
+	return json_expected(text, place, is_object ? "expected ',' or '}'" :
+	    "expected ',' or ']'", faults);
+}
+
+enum err json_skip(struct json_text *text, const struct json_place *place,
+    struct faults *faults)
+{
+	cJSON unused = {0};
+	const char *start;
+	enum err err;
+
+	err = begin_value(text, place, faults);
+	if (err)
+		return err;
+	text->depth++;
+	if (*text->cursor == '{' || *text->cursor == '[')
+		err = skip_elements(text, place, faults);
+	else if (*text->cursor == '"')
+		err = pass_string(text, place, &start, faults);
+	else
+		err = read_any(text, place, &unused, faults);
+	text->depth--;
 	return err;
 }
 

@@ -93,6 +93,11 @@ enum err json_string(struct json_text *text, const struct json_place *place,
 enum err json_value(struct json_text *text, const struct json_place *place,
     struct cJSON **out, struct faults *faults);
 
+/* The same, but keeps nothing, and so needs no arena; names that an object has
+ * twice pass, and there may be any number of values. */
+enum err json_skip(struct json_text *text, const struct json_place *place,
+    struct faults *faults);
+
 /* ERR_SYNTAX unless only white space is left. */
 enum err json_finish(struct json_text *text, struct faults *faults);
 
@@ -100,8 +105,13 @@ enum err json_finish(struct json_text *text, struct faults *faults);
 enum err json_parse(const char *text, size_t length, size_t values_max,
     struct arena *arena, struct cJSON **out, struct faults *faults);
 
-/* Adds what was expected at the cursor, with line and column; ERR_SYNTAX. */
+/* Adds what was expected at the cursor, or that the text ends instead, with
+ * line and column; ERR_SYNTAX. */
 enum err json_expected(const struct json_text *text,
+    const struct json_place *place, const char *what, struct faults *faults);
+
+/* Adds what is wrong with that which ends at the cursor; ERR_SYNTAX. */
+enum err json_wrong(const struct json_text *text,
     const struct json_place *place, const char *what, struct faults *faults);
 
 #endif

@@ -94,10 +94,6 @@ bool media_from_content_type(const char *value, enum media_type *out)
 	size_t n, i;
 
 	p = value ? skip_space(value) : "";
-	if (!*p) {
-		*out = MEDIA_JSON;
-		return true;
-	}
 	n = token_span(p);
 	keep(p, n, type);
 	for (p += n; (next = read_parameter(p, name, parameter)); p = next) {

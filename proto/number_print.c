@@ -46,6 +46,9 @@ static const uint64_t powers[POWER_LAST - POWER_FIRST + 1] = {
 	0x8f7e32ce7bea5c70u, 0xb35dbf821ae4f38cu,
 };
 
+static const uint32_t pow10s[] = {1, 10, 100, 1000, 10000, 100000, 1000000,
+    10000000, 100000000, 1000000000};
+
 /* digits 10^exponent */
 struct decimal {
 	uint32_t digits;
@@ -76,10 +79,26 @@ static uint32_t scale_to_odd(uint64_t power, uint32_t x)
 	const uint64_t low = (power & UINT32_MAX) * x;
 	const uint64_t high = (power >> 32) * x + (low >> 32);
 
-	return (uint32_t)(high >> 32) | ((uint32_t)high > 1);
+	return (uint32_t)(high >> 32) |
+	    (uint32_t)(((high & UINT32_MAX) + UINT32_MAX - 1) >> 32);
 }
 
-/* f = c 2^q, c > 0. narrow: the neighbour below is half as far as the one above. */
+/* 1 if a < b, both below 2^31. Not by a comparison: on x86 that leaves a
+ * register's upper part as the number before left it, and so waits for it. */
+static uint32_t less(uint32_t a, uint32_t b)
+{
+	return (a - b) >> 31;
+}
+
+/* a if which is 1, b if it is 0. */
+static uint32_t choose(uint32_t which, uint32_t a, uint32_t b)
+{
+	return b ^ (-which & (a ^ b));
+}
+
+/* f = c 2^q, c > 0. narrow: the neighbour below is half as far as the one
+ * above. The digits may end in zeros. Which of the two candidates it is cannot
+ * be foreseen, so both are made and no branch chooses. */
 static struct decimal shortest(uint32_t c, int q, bool narrow)
 {
 	const int k = narrow ? floor_log10_three_quarters_pow2(q) :
@@ -92,40 +111,30 @@ static struct decimal shortest(uint32_t c, int q, bool narrow)
 	    (4 * c - (narrow ? 1 : 2)) << shift) + open;
 	const uint32_t most = scale_to_odd(power, (4 * c + 2) << shift) - open;
 	const uint32_t value = scale_to_odd(power, (4 * c) << shift);
-	const uint32_t whole = value / 4, tenth = whole / 10;
-	bool below, above;
+	const uint32_t whole = value / 4, tens = whole / 10 * 10;
+	/* One digit less, if just one such number lies between the ends (where
+	 * that leaves none, both ways come to the same). */
+	const uint32_t tens_below = 1 - less(4 * tens, least);
+	const uint32_t tens_above = 1 - less(most, 4 * tens + 40);
+	const uint32_t below = 1 - less(4 * whole, least);
+	const uint32_t above = 1 - less(most, 4 * whole + 4);
+	/* Up if above half, or at half, where whole is odd. */
+	const uint32_t rounded = ((value & 3) + (whole & 1) + 1) >> 2;
+	const uint32_t fewer = tens + 10 * tens_above;
+	const uint32_t all = whole + choose(below ^ above, above, rounded);
 
-	/* One digit less, if just one such number lies between the ends. */
-	if (whole >= 10) {
-		below = least <= 40 * tenth;
-		above = 40 * tenth + 40 <= most;
-		if (below != above)
-			return (struct decimal){tenth + above, k + 1};
-	}
-	below = least <= 4 * whole;
-	above = 4 * whole + 4 <= most;
-	if (below == above)
-		above = value > 4 * whole + 2 ||
-		    (value == 4 * whole + 2 && (whole & 1));
-	return (struct decimal){whole + above, k};
+	return (struct decimal){choose(tens_below ^ tens_above, fewer, all), k};
 }
 
 static struct decimal decimal_of(uint32_t bits)
 {
 	const uint32_t fraction = bits & 0x7fffff;
 	const int exponent = (int)(bits >> 23 & 0xff);
-	struct decimal d;
+	const int normal = exponent > 0;
+	const uint32_t c = fraction | (uint32_t)normal << 23;
+	const int q = exponent - 149 - normal;
 
-	if (exponent == 0)
-		d = shortest(fraction, -149, false);
-	else
-		d = shortest(fraction | 0x800000, exponent - 150,
-		    fraction == 0 && exponent > 1);
-	while (d.digits % 10 == 0) {
-		d.digits /= 10;
-		d.exponent++;
-	}
-	return d;
+	return shortest(c, q, fraction == 0 && exponent > 1);
 }
 
 /* The nine leading digits of a number as text, zeros following. They stay in
@@ -133,11 +142,12 @@ static struct decimal decimal_of(uint32_t bits)
 struct text {
 	char first;
 	uint64_t others; /* the next eight, the first in the lowest byte */
-	int count;       /* digits that matter */
+	int count;       /* up to the last digit that is not 0; at least 1 */
 };
 
-/* The eight digits of x < 10^8 as text: halves, then quarters, then eighths
- * side by side. 5243/2^19 and 103/2^10 divide by 100 and by 10 that far. */
+/* The eight digits of x < 10^8, a byte each: halves, then quarters, then
+ * eighths side by side. 5243/2^19 and 103/2^10 divide by 100 and by 10 that
+ * far. */
 static uint64_t eight_digits(uint32_t x)
 {
 	uint64_t v = x / 10000 | (uint64_t)(x % 10000) << 32, tens;
@@ -145,22 +155,34 @@ static uint64_t eight_digits(uint32_t x)
 	tens = v * 5243 >> 19 & 0x0000007f0000007f;
 	v = tens | (v - 100 * tens) << 16;
 	tens = v * 103 >> 10 & 0x000f000f000f000f;
-	v = tens | (v - 10 * tens) << 8;
-	return v + 0x3030303030303030;
+	return tens | (v - 10 * tens) << 8;
 }
 
-/* The text of 0 < digits < 10^9. */
-static struct text spell(uint32_t digits)
+/* How many bytes of v, each below 128, are not above the last that is not 0. */
+static int bytes_used(uint64_t v)
 {
-	static const uint32_t tens[] = {1, 10, 100, 1000, 10000, 100000,
-	    1000000, 10000000, 100000000};
-	int count = 1, i;
+	return 8 - __builtin_clzll(v | 1) / 8 - (int)((v - 1) >> 63);
+}
 
-	for (i = 1; i < 9; i++)
-		count += digits >= tens[i];
-	digits *= tens[9 - count];
-	return (struct text){(char)('0' + digits / tens[8]),
-	    eight_digits(digits % tens[8]), count};
+/* How many digits x has, 0 < x < 10^9; seldom less than seven. */
+static int count_digits(uint32_t x)
+{
+	uint32_t count = 9 - less(x, pow10s[8]) - less(x, pow10s[7]);
+
+	while (x < pow10s[count - 1])
+		count--;
+	return (int)count;
+}
+
+/* The text of digits, which has that many. */
+static struct text spell(uint32_t digits, int size)
+{
+	uint64_t others;
+
+	digits *= pow10s[9 - size];
+	others = eight_digits(digits % pow10s[8]);
+	return (struct text){(char)('0' + digits / pow10s[8]),
+	    others + 0x3030303030303030, 1 + bytes_used(others)};
 }
 
 static void put_eight(uint64_t text, char *out)
@@ -169,23 +191,35 @@ static void put_eight(uint64_t text, char *out)
 	memcpy(out, &text, sizeof text);
 }
 
+#define POINT_FIRST (-4)
+#define POINT_LAST 9
+
+/*
+ * Where things go for each number of digits before the decimal point, from
+ * POINT_FIRST on: over "0.000000" the first digit and the others behind it;
+ * then the point, and at rest the others once more, without those that stand
+ * before the point. Where none stand before it, that changes nothing.
+ */
+static const struct layout {
+	unsigned char first, point, rest, shift;
+} layouts[POINT_LAST - POINT_FIRST + 1] = {
+	{6, 1, 7, 0}, {5, 1, 6, 0}, {4, 1, 5, 0}, {3, 1, 4, 0}, {2, 1, 3, 0},
+	{0, 1, 2, 0}, {0, 2, 3, 8}, {0, 3, 4, 16}, {0, 4, 5, 24}, {0, 5, 6, 32},
+	{0, 6, 7, 40}, {0, 7, 8, 48}, {0, 8, 9, 56}, {0, 9, 10, 56},
+};
+
 /* point: how many digits stand before the decimal point. */
 static size_t plain(const struct text *t, int point, char *out)
 {
-	if (point <= 0) {
-		memcpy(out, "0.000000", 8);
-		out += 2 - point;
-		*out = t->first;
-		put_eight(t->others, out + 1);
-		return (size_t)(2 - point + t->count);
-	}
-	out[0] = t->first;
-	put_eight(t->others, out + 1);
-	if (point >= t->count)
-		return (size_t)point;
-	out[point] = '.';
-	put_eight(t->others >> 8 * (point - 1), out + point + 1);
-	return (size_t)t->count + 1;
+	const struct layout *at = &layouts[point - POINT_FIRST];
+	const int all = t->count + at->first + (at->first == 0);
+
+	memcpy(out, "0.000000", 8);
+	out[at->first] = t->first;
+	put_eight(t->others, out + at->first + 1);
+	out[at->point] = '.';
+	put_eight(t->others >> at->shift, out + at->rest);
+	return (size_t)(point >= t->count ? point : all);
 }
 
 static size_t scientific(const struct text *t, int point, char *out)
@@ -212,7 +246,7 @@ size_t number_print_float(float f, char out[static NUMBER_FLOAT_ROOM])
 	struct decimal d;
 	struct text text;
 	uint32_t bits, negative;
-	int point;
+	int point, size;
 
 	assert(isfinite(f));
 	memcpy(&bits, &f, sizeof bits);
@@ -225,8 +259,9 @@ size_t number_print_float(float f, char out[static NUMBER_FLOAT_ROOM])
 	*out = '-';
 	out += negative;
 	d = decimal_of(bits);
-	text = spell(d.digits);
-	point = text.count + d.exponent;
-	return negative + (point >= -4 && point <= 9 ?
+	size = count_digits(d.digits);
+	text = spell(d.digits, size);
+	point = size + d.exponent;
+	return negative + (point >= POINT_FIRST && point <= POINT_LAST ?
 	    plain(&text, point, out) : scientific(&text, point, out));
 }

@@ -173,8 +173,23 @@ static bool again(bool *has)
 
 static enum err twice(struct body *b, const struct json_place *place)
 {
-	return json_expected(&b->text, place, "this member comes twice",
+	return json_wrong(&b->text, place, "this member comes twice",
 	    b->faults);
+}
+
+/* Of wrong points the first fault is told; reading goes on behind them. */
+static enum err read_points(struct body *b, const struct json_place *place)
+{
+	const char *const start = b->text.cursor;
+	enum err err;
+
+	err = points_read(&b->text, "/points", b->max_points, &b->points,
+	    b->faults);
+	if (err != ERR_INVALID)
+		return err;
+	b->invalid = true;
+	b->text.cursor = start;
+	return json_skip(&b->text, place, b->faults);
 }
 
 static enum err read_member(struct body *b, const struct json_place *place)
@@ -182,8 +197,7 @@ static enum err read_member(struct body *b, const struct json_place *place)
 	if (strcmp(place->name, "points") == 0) {
 		if (again(&b->has_points))
 			return twice(b, place);
-		return points_read(&b->text, "/points", b->max_points,
-		    &b->points, b->faults);
+		return read_points(b, place);
 	}
 	if (strcmp(place->name, "outputs") == 0) {
 		if (again(&b->has_outputs))

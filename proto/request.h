@@ -26,8 +26,8 @@ const char *media_name(enum media_type type);
 
 /*
  * A Content-Type to a media type; parameters are ignored but for a charset,
- * which must be UTF-8. NULL or "" means JSON. False if it is none of JSON,
- * OCTETS, NPY.
+ * which must be UTF-8. False if it is none of JSON, OCTETS, NPY; so also NULL
+ * and "": a web page may send a body without a type to any site unasked.
  */
 bool media_from_content_type(const char *value, enum media_type *out);
 
@@ -58,7 +58,8 @@ void eval_request_fini(struct eval_request *request);
  * Parses {"scene": document, "points": [...], "outputs": [...]}; "scene" is
  * required with with_scene, else forbidden; "outputs" may be missing, for
  * default_outputs. text need not end in NUL. Errors as document_parse and
- * points_from_json.
+ * points_from_json; ERR_INVALID tells all faults of the scene and the outputs,
+ * and the first one of the points.
  */
 enum err eval_request_parse(const char *text, size_t length, bool with_scene,
     unsigned default_outputs, const struct document_limits *limits,

@@ -9,7 +9,8 @@
 
 #include <stdbool.h>
 
-/* False under a sanitizer, whose own allocator is in the way: skip the test. */
+/* False under a sanitizer, whose own allocator is in the way; says so for the
+ * test, which is to skip itself. */
 bool fail_alloc_available(void);
 
 /* The nth allocation of this thread from now on fails, once (1: the next); 0:

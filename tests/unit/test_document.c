@@ -663,6 +663,8 @@ static const struct {
 	    "/root/operator/opening/alpha/2", "between"},
 	{UNION("'operator':{'opening':{'theta':[0,0,0],'alpha':[0,1,2],"
 	    "'w':[1,0]}}"), "/root/operator/opening/w/1", "between"},
+	{UNION("'operator':{'opening':{'theta':[0,0,0],'alpha':[0,1,1.009]}}"),
+	    "/root/operator/opening/alpha/2", "at least 0.01"},
 	{UNION("'operator':{'layout':'paper'}"), "/root/operator/layout",
 	    "\"warped\" or \"uniform\""},
 	{UNION("'operator':{'resolution':7}"), "/root/operator/resolution",
@@ -816,6 +818,43 @@ static void test_malformed_json_is_refused_with_its_place(void **unused)
 	for (i = 0; i < COUNT(malformed); i++)
 		check_refused(malformed[i].text, ERR_SYNTAX,
 		    malformed[i].pointer, malformed[i].words);
+}
+
+static void test_a_member_twice_is_told_at_the_end_of_its_object(void **unused)
+{
+	static const char text[] = "{\"root\":1,\"root\":2}";
+	struct faults faults = {0};
+	struct document *d;
+
+	(void)unused;
+	assert_int_equal(document_parse(text, sizeof text - 1, &limits, &d,
+	    &faults), ERR_SYNTAX);
+	assert_string_equal(faults.list[0].detail, "line 1, column 20 (byte "
+	    "19): the object that ends here has this member twice");
+}
+
+static void test_operators_of_its_own_are_known(void **unused)
+{
+	static const char *const texts[] = {
+		"{\"format\":\"blobfield/1\",\"root\":{\"type\":\"point\","
+		    "\"center\":[0,0,0],\"radius\":1}}",
+		"{\"format\":\"blobfield/1\",\"operators\":{},\"root\":"
+		    "{\"type\":\"point\",\"center\":[0,0,0],\"radius\":1}}",
+		"{\"format\":\"blobfield/1\",\"operators\":{\"a\":{}},"
+		    "\"root\":{\"type\":\"point\",\"center\":[0,0,0],"
+		    "\"radius\":1}}",
+	};
+	struct faults faults = {0};
+	struct document *d;
+	int i;
+
+	(void)unused;
+	for (i = 0; i < 3; i++) {
+		assert_int_equal(document_parse(texts[i], strlen(texts[i]),
+		    &limits, &d, &faults), ERR_OK);
+		assert_int_equal(document_has_operators(d), i == 2);
+		document_free(d);
+	}
 }
 
 static void test_a_nul_byte_is_malformed(void **unused)
@@ -1212,6 +1251,9 @@ int main(void)
 		cmocka_unit_test(test_all_faults_are_collected),
 		cmocka_unit_test(test_more_faults_than_are_kept_are_counted),
 		cmocka_unit_test(test_malformed_json_is_refused_with_its_place),
+		cmocka_unit_test(
+		    test_a_member_twice_is_told_at_the_end_of_its_object),
+		cmocka_unit_test(test_operators_of_its_own_are_known),
 		cmocka_unit_test(test_a_nul_byte_is_malformed),
 		cmocka_unit_test(test_strings_are_decoded),
 		cmocka_unit_test(test_nesting_is_bounded),

@@ -38,7 +38,7 @@ static void test_content_types(void **unused)
 		const char *value;
 		int type; /* -1: refused */
 	} cases[] = {
-		{NULL, MEDIA_JSON}, {"", MEDIA_JSON}, {"  ", MEDIA_JSON},
+		{NULL, -1}, {"", -1}, {"  ", -1},
 		{"application/json", MEDIA_JSON},
 		{" Application/JSON ", MEDIA_JSON},
 		{"application/json; charset=utf-8", MEDIA_JSON},
@@ -230,6 +230,8 @@ static const struct {
 	{"{'outputs':['value'],'points':[],'outputs':['value']}", false,
 	    ERR_SYNTAX, "/outputs", "twice"},
 	{"{'scene':1,'scene':1}", true, ERR_SYNTAX, "/scene", "twice"},
+	{"{'points':[],'points':", false, ERR_SYNTAX, "/points",
+	    "(byte 22): this member comes twice"},
 	{"{'points':[],\n'outputs':[tru]}", false, ERR_SYNTAX, "/outputs/0",
 	    "line 2, column 12"},
 	{"{\n'points':[1,2,x]}", false, ERR_SYNTAX, "/points/2",
@@ -297,6 +299,78 @@ static void test_faults_of_all_members_are_collected(void **unused)
 	    "'outputs':['x']}", true, &request, &faults), ERR_INVALID);
 	/* a, x, points is missing, format, root */
 	assert_int_equal(faults.count, 5);
+}
+
+static void test_wrong_points_do_not_hide_other_faults(void **unused)
+{
+	static const char *const points[] = {"'many'", "{'x':[{}],'y':null}",
+	    "[[1,2]]", "[1,2,3,4]", "[[1,2,1e39],[4,\"[\",6],{'a':{}}, [ ]]",
+	    "[[1,null,3],[true,false,-0.5e1]]", "-1"};
+	struct eval_request request;
+	struct faults faults;
+	char text[256];
+	size_t i;
+
+	(void)unused;
+	for (i = 0; i < COUNT(points); i++) {
+		snprintf(text, sizeof text, "{'points': %s ,'scene':{"
+		    "'format':2,'root':3},'outputs':['x']}", points[i]);
+		assert_int_equal(parse(text, true, &request, &faults),
+		    ERR_INVALID);
+		/* points, x, format, root */
+		assert_int_equal(faults.count, 4);
+		assert_int_equal(strncmp(faults.list[0].pointer, "/points", 7),
+		    0);
+		assert_string_equal(faults.list[3].pointer, "/scene/root");
+	}
+}
+
+static void test_wrong_points_are_still_read_as_json(void **unused)
+{
+	static const struct {
+		const char *points, *words;
+	} cases[] = {
+		{"[[1e39,2,3],[4,x]]", "column 26 (byte 25): expected a value"},
+		{"[[1e39,2,3],[4,01]]", "(byte 26): not a JSON number"},
+		{"[[1e39,2,3],{'a'}]", "expected ':'"},
+		{"[[1e39,2,3],{'a':1,}]", "expected a string"},
+		{"[[1e39,2,3],{'a':1]", "expected ',' or '}'"},
+		{"[[1e39,2,3],'\\q']", "unknown escape"},
+		{"[[1e39,2,3],nul]", "expected a value"},
+		{"[[1e39,2,3],", "expected a value, but the text ends"},
+	};
+	struct eval_request request;
+	struct faults faults;
+	char text[256];
+	size_t i;
+
+	(void)unused;
+	for (i = 0; i < COUNT(cases); i++) {
+		snprintf(text, sizeof text, "{'points':%s", cases[i].points);
+		assert_int_equal(parse(text, false, &request, &faults),
+		    ERR_SYNTAX);
+		assert_int_equal(faults.count, 2);
+		assert_string_equal(faults.list[0].pointer, "/points/0/0");
+		if (!strstr(faults.list[1].detail, cases[i].words))
+			fail_msg("%s: %s", text, faults.list[1].detail);
+	}
+}
+
+static void test_wrong_points_may_not_be_nested_for_ever(void **unused)
+{
+	const size_t depth = 100000;
+	char *text = malloc(depth + 16);
+	struct eval_request request = {0};
+	struct faults faults = {0};
+
+	(void)unused;
+	assert_non_null(text);
+	strcpy(text, "{\"points\":[1,");
+	memset(text + 13, '[', depth);
+	assert_int_equal(eval_request_parse(text, 13 + depth, false,
+	    OUTPUT_VALUE, &limits, 3, &request, &faults), ERR_LIMIT);
+	assert_int_equal(faults.count, 2);
+	free(text);
 }
 
 static void test_unknown_members_are_bounded(void **unused)
@@ -379,6 +453,9 @@ int main(void)
 		cmocka_unit_test(test_bodies),
 		cmocka_unit_test(test_wrong_bodies_are_refused),
 		cmocka_unit_test(test_faults_of_all_members_are_collected),
+		cmocka_unit_test(test_wrong_points_do_not_hide_other_faults),
+		cmocka_unit_test(test_wrong_points_are_still_read_as_json),
+		cmocka_unit_test(test_wrong_points_may_not_be_nested_for_ever),
 		cmocka_unit_test(test_unknown_members_are_bounded),
 		cmocka_unit_test(test_every_allocation_may_fail),
 	};
