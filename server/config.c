@@ -97,6 +97,12 @@ static bool read_max_scenes(const char *value, struct config *config,
 	return read_size(value, &config->max_scenes, why);
 }
 
+static bool read_scene_memory(const char *value, struct config *config,
+    const char **why)
+{
+	return read_size(value, &config->scene_memory, why);
+}
+
 static bool read_queue(const char *value, struct config *config,
     const char **why)
 {
@@ -207,6 +213,8 @@ static const struct option options[] = {
 	{"max-nodes", "N", read_max_nodes,
 	    "most nodes in one document, references expanded (10000)"},
 	{"max-scenes", "N", read_max_scenes, "most scenes kept (1024)"},
+	{"scene-memory", "BYTES", read_scene_memory,
+	    "most memory for the scenes kept (1G)"},
 	{"queue", "N", read_queue, "most evaluations waiting (256)"},
 	{"device", "SELECT", read_device,
 	    "OpenCL device: an index of --list-devices or part of a name"},
@@ -297,6 +305,7 @@ static void set_defaults(struct config *config)
 		.max_points = 4000000,
 		.max_nodes = 10000,
 		.max_scenes = 1024,
+		.scene_memory = (size_t)1 << 30,
 		.queue = 256,
 		.layout = LAYOUT_WARPED,
 		.measure = true,

@@ -18,6 +18,7 @@ struct config {
 	size_t max_points;        /* of one evaluation */
 	size_t max_nodes;         /* of one document, references expanded */
 	size_t max_scenes;
+	size_t scene_memory;      /* bytes of all scenes: texts and tapes */
 	size_t queue;             /* evaluations waiting at most */
 	struct device_options device; /* select points into argv */
 	enum table_layout layout; /* for operators that do not say */

@@ -1,5 +1,6 @@
 #include "server/evaluation.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -67,8 +68,23 @@ void evaluation_reply_faults(struct exchange *x, enum err err,
 		    where, colon, first->detail);
 }
 
-bool evaluation_compile(struct exchange *x, struct document *document,
-    struct program **out)
+/* Which of the operators is one too many is not to be said: those named, if
+ * there are any, or the document has them in its nodes. */
+static void reply_tables_too_large(struct exchange *x, const char *pointer,
+    const struct document *document, size_t most)
+{
+	struct faults faults = {0};
+	char place[FAULT_POINTER_MAX];
+
+	snprintf(place, sizeof place, "%s%s", pointer,
+	    document_has_operators(document) ? "/operators" : "");
+	faults_add(&faults, place, "the tables of all operators together need "
+	    "more than the %zu bytes that --table-memory gives", most);
+	evaluation_reply_faults(x, ERR_LIMIT, &faults);
+}
+
+bool evaluation_compile(struct exchange *x, const char *pointer,
+    struct document *document, struct program **out)
 {
 	struct server *server = x->server;
 	size_t most = server->config->device.table_bytes;
@@ -78,9 +94,7 @@ bool evaluation_compile(struct exchange *x, struct document *document,
 	if (err == ERR_OK)
 		return true;
 	if (err == ERR_LIMIT)
-		exchange_reply_problem(x, PROBLEM_LIMIT, NULL,
-		    "The tables of this document's operators need more than "
-		    "the %zu bytes that --table-memory gives.", most);
+		reply_tables_too_large(x, pointer, document, most);
 	else
 		exchange_reply_problem(x, problem_from_err(err), NULL,
 		    "The document could not be compiled: %s.",

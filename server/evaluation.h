@@ -22,10 +22,11 @@ bool evaluation_check_outputs(struct exchange *x, unsigned *out);
 
 /*
  * Compiles document, of which it takes the tape, into *out, for
- * scheduler_release; or answers x with what is wrong: false.
+ * scheduler_release; or answers x with what is wrong: false. pointer is the
+ * document's in x's body.
  */
-bool evaluation_compile(struct exchange *x, struct document *document,
-    struct program **out);
+bool evaluation_compile(struct exchange *x, const char *pointer,
+    struct document *document, struct program **out);
 
 /* Answers x with what is wrong with its content. */
 void evaluation_reply_faults(struct exchange *x, enum err err,

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/socket.h>
 
 #include <cjson/cJSON.h>
@@ -87,6 +88,27 @@ void exchange_release_body(struct exchange *x)
 	x->body_length = x->body_size = 0;
 }
 
+/* 415; known: the types that would do. */
+static void refuse_type(struct exchange *x, const char *type,
+    const char *known)
+{
+	static const char form[] = "application/x-www-form-urlencoded";
+
+	if (type == NULL || type[strspn(type, " \t")] == '\0')
+		exchange_reply_problem(x, PROBLEM_MEDIA_TYPE, NULL,
+		    "There is no Content-Type: say what the body is; this "
+		    "resource takes %s.", known);
+	else if (strncasecmp(type, form, sizeof form - 1) == 0)
+		exchange_reply_problem(x, PROBLEM_MEDIA_TYPE, NULL,
+		    "Content-Type is '%.100s'; this resource takes %s. With "
+		    "curl, use --json, or add -H 'Content-Type: "
+		    "application/json'.", type, known);
+	else
+		exchange_reply_problem(x, PROBLEM_MEDIA_TYPE, NULL,
+		    "Content-Type is '%.100s'; this resource takes %s.", type,
+		    known);
+}
+
 bool exchange_check_content_type(struct exchange *x, unsigned mask,
     enum media_type *out)
 {
@@ -106,8 +128,7 @@ bool exchange_check_content_type(struct exchange *x, unsigned mask,
 			    length > 0 ? ", " : "",
 			    media_name((enum media_type)i));
 	}
-	exchange_reply_problem(x, PROBLEM_MEDIA_TYPE, NULL,
-	    "Content-Type is '%.100s'; this resource takes %s.", value, known);
+	refuse_type(x, value, known);
 	exchange_add_header(x, "Accept", known);
 	return false;
 }

@@ -58,7 +58,8 @@ struct exchange {
 	double begun;
 	char target[EXCHANGE_TARGET_MAX]; /* path and query as sent, for the log */
 	size_t target_length;             /* uncut */
-	bool target_has_nul;
+	const char *target_end;           /* in libmicrohttpd's memory */
+	bool path_has_nul, target_has_nul; /* as %00 */
 	char *joined[EXCHANGE_JOINED_MAX];
 };
 
@@ -78,7 +79,7 @@ void exchange_release_body(struct exchange *x);
 
 /*
  * Whether the body is of one of the media types in mask (1u << MEDIA_*), in
- * *out; answers 415 otherwise.
+ * *out; answers 415 otherwise, also where no type is said.
  */
 bool exchange_check_content_type(struct exchange *x, unsigned mask,
     enum media_type *out);

@@ -28,7 +28,8 @@ static void begin(struct exchange *x, struct eval_request *body,
 		.accept = accept,
 	};
 
-	if (evaluation_compile(x, body->document, &request.program))
+	if (evaluation_compile(x, "/scene", body->document,
+	    &request.program))
 		evaluation_begin(x, &request);
 }
 

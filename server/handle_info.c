@@ -67,6 +67,8 @@ static void add_limits(cJSON *json, const struct config *config)
 	    (double)config->max_nodes);
 	cJSON_AddNumberToObject(limits, "max_scenes",
 	    (double)config->max_scenes);
+	cJSON_AddNumberToObject(limits, "scene_memory",
+	    (double)config->scene_memory);
 	cJSON_AddNumberToObject(limits, "queue", (double)config->queue);
 }
 

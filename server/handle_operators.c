@@ -26,7 +26,8 @@ static void describe(const char *name, struct profile *profile,
 		    atan(1.0) : 0.0);
 }
 
-static cJSON *samples_json(const struct profile *profile)
+/* One half of the curve, as documents may give it. */
+static cJSON *points_json(const struct profile *profile)
 {
 	cJSON *list = cJSON_CreateArray();
 
@@ -46,7 +47,7 @@ static cJSON *profile_json(const struct profile *profile)
 	if (profile->type == PROFILE_BULGE)
 		cJSON_AddNumberToObject(json, "k", profile->k);
 	if (profile->type == PROFILE_SAMPLES)
-		cJSON_AddItemToObject(json, "samples", samples_json(profile));
+		cJSON_AddItemToObject(json, "points", points_json(profile));
 	return json;
 }
 

@@ -36,7 +36,7 @@ static struct scene *make_scene(struct exchange *x, const char *id,
 	struct scene *scene;
 	enum err err;
 
-	if (!evaluation_compile(x, document, &program))
+	if (!evaluation_compile(x, "", document, &program))
 		return NULL;
 	err = scene_create(x->server->scheduler, id, document_name(document),
 	    x->body, x->body_length, program, &scene);
@@ -83,6 +83,18 @@ static void reply_kept(struct exchange *x, const struct scene *scene,
 		exchange_add_header(x, "Location", location);
 }
 
+static void reply_full(struct exchange *x, const struct scene *scene)
+{
+	const struct config *config = x->server->config;
+
+	exchange_reply_problem(x, PROBLEM_STORE_FULL, NULL,
+	    "%zu of at most %zu scenes are kept, in %zu of at most %zu bytes; "
+	    "this one needs %zu bytes. Delete some.",
+	    scene_store_count(x->server->scenes), config->max_scenes,
+	    scene_store_bytes(x->server->scenes), config->scene_memory,
+	    scene->bytes);
+}
+
 static void keep(struct exchange *x, const char *id,
     const struct precondition *precondition)
 {
@@ -99,9 +111,7 @@ static void keep(struct exchange *x, const char *id,
 	else if (err == ERR_CONFLICT)
 		scene_reply_changed(x);
 	else if (err == ERR_LIMIT)
-		exchange_reply_problem(x, PROBLEM_STORE_FULL, NULL,
-		    "There are %zu scenes already; delete some.",
-		    x->server->config->max_scenes);
+		reply_full(x, scene);
 	else
 		exchange_reply_problem(x, problem_from_err(err), NULL,
 		    "The scene could not be kept: %s.", err_message(err));
@@ -140,6 +150,18 @@ static void release_scene(void *owner)
 	scene_release(owner);
 }
 
+/* Takes scene over. With 304 only the head that 200 would have is sent. */
+static void reply_scene(struct exchange *x, unsigned status,
+    struct scene *scene)
+{
+	char etag[ETAG_SIZE];
+
+	strcpy(etag, scene->etag);
+	exchange_reply_borrowed(x, status, MEDIA_JSON, scene->text,
+	    scene->length, release_scene, scene);
+	exchange_add_header(x, "ETag", etag);
+}
+
 void handle_scene_get(struct exchange *x)
 {
 	struct precondition precondition;
@@ -156,16 +178,9 @@ void handle_scene_get(struct exchange *x)
 		scene_reply_changed(x);
 		scene_release(scene);
 	} else if (!precondition_none_match(&precondition, scene->etag)) {
-		exchange_reply_empty(x, 304);
-		exchange_add_header(x, "ETag", scene->etag);
-		scene_release(scene);
+		reply_scene(x, 304, scene);
 	} else {
-		char etag[ETAG_SIZE];
-
-		strcpy(etag, scene->etag);
-		exchange_reply_borrowed(x, 200, MEDIA_JSON, scene->text,
-		    scene->length, release_scene, scene);
-		exchange_add_header(x, "ETag", etag);
+		reply_scene(x, 200, scene);
 	}
 }
 

@@ -52,6 +52,8 @@ struct connection {
 	struct connection *next, **link;
 	int socket;
 	double deadline;
+	bool arriving; /* a request is waited for, or the rest of one */
+	bool is_over;  /* ... but its end had come when http_reap last looked */
 };
 
 struct http {
@@ -80,6 +82,8 @@ static void connection_open(struct http *h, struct MHD_Connection *connection,
 		return;
 	c->socket = info->connect_fd;
 	c->deadline = clock_seconds() + DEADLINE_SECONDS;
+	c->arriving = true;
+	c->is_over = false;
 	pthread_mutex_lock(&h->lock);
 	c->next = h->connections;
 	c->link = &h->connections;
@@ -111,7 +115,7 @@ static void on_connection(void *ctx, struct MHD_Connection *connection,
 }
 
 static void set_deadline(struct http *h, struct MHD_Connection *connection,
-    double when)
+    double when, bool arriving)
 {
 	const union MHD_ConnectionInfo *info = MHD_get_connection_info(
 	    connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT);
@@ -121,12 +125,15 @@ static void set_deadline(struct http *h, struct MHD_Connection *connection,
 		return;
 	pthread_mutex_lock(&h->lock);
 	c->deadline = when;
+	c->arriving = arriving;
+	c->is_over = false;
 	pthread_mutex_unlock(&h->lock);
 }
 
+/* The request has arrived: only its answer is still waited for. */
 void http_set_deadline(struct exchange *x, double when)
 {
-	set_deadline(x->server->http, x->connection, when);
+	set_deadline(x->server->http, x->connection, when, false);
 }
 
 /* A deadline for something of so many bytes that begins now. */
@@ -136,15 +143,32 @@ static double deadline_for(size_t bytes)
 	    (double)bytes / LEAST_BYTES_PER_SECOND;
 }
 
+/*
+ * Whether the client hung up in the middle of a request, and all it sent has
+ * been read. libmicrohttpd misses the end of a stream that comes together with
+ * the last bytes. True the second time only: the first time it may be about
+ * to answer them.
+ */
+static bool is_hung_up(struct connection *c)
+{
+	bool was_over = c->is_over;
+	char byte;
+
+	c->is_over = c->arriving &&
+	    recv(c->socket, &byte, 1, MSG_PEEK | MSG_DONTWAIT) == 0;
+	return was_over && c->is_over;
+}
+
 void http_reap(struct http *h)
 {
 	double now = clock_seconds();
 
 	pthread_mutex_lock(&h->lock);
 	for (struct connection *c = h->connections; c != NULL; c = c->next) {
-		if (now > c->deadline) {
+		if (now > c->deadline || is_hung_up(c)) {
 			shutdown(c->socket, SHUT_RDWR);
 			c->deadline = HTTP_NO_DEADLINE;
+			c->arriving = false;
 		}
 	}
 	pthread_mutex_unlock(&h->lock);
@@ -170,6 +194,13 @@ void http_return_bytes(struct http *h, size_t bytes)
 
 /* ---- exchanges ---- */
 
+static bool has_escaped_nul(const char *text, size_t length)
+{
+	const char *at = strstr(text, "%00");
+
+	return at != NULL && at < text + length;
+}
+
 static void *on_request_line(void *ctx, const char *uri,
     struct MHD_Connection *connection)
 {
@@ -185,11 +216,13 @@ static void *on_request_line(void *ctx, const char *uri,
 	    MHD_CONNECTION_INFO_CONNECTION_FD)->connect_fd;
 	x->begun = clock_seconds();
 	x->target_length = length;
-	x->target_has_nul = strstr(uri, "%00") != NULL;
+	x->target_end = uri + length;
+	x->path_has_nul = has_escaped_nul(uri, strcspn(uri, "?"));
+	x->target_has_nul = has_escaped_nul(uri, length);
 	for (size_t i = 0; i < length && i < EXCHANGE_TARGET_MAX - 1; i++)
 		x->target[i] = uri[i] > ' ' && uri[i] < 127 ? uri[i] : '?';
 	atomic_fetch_add(&h->active, 1);
-	set_deadline(h, connection, deadline_for(0));
+	set_deadline(h, connection, deadline_for(0), true);
 	return x;
 }
 
@@ -225,7 +258,7 @@ static void on_complete(void *ctx, struct MHD_Connection *connection,
 		free(x->joined[i]);
 	free(x);
 	/* For the next request line, or to find the connection idle. */
-	set_deadline(h, connection, deadline_for(0));
+	set_deadline(h, connection, deadline_for(0), true);
 	if (owed)
 		atomic_fetch_sub(&h->owed, 1);
 	atomic_fetch_sub(&h->active, 1);
@@ -260,6 +293,7 @@ static enum MHD_Result send_answer(struct exchange *x)
 
 struct query_check {
 	struct exchange *x;
+	unsigned seen; /* a bit for each parameter of the route */
 	bool good;
 };
 
@@ -268,24 +302,50 @@ static enum MHD_Result check_parameter(void *ctx, enum MHD_ValueKind kind,
 {
 	struct query_check *check = ctx;
 	const struct route *route = check->x->route;
+	int index = route_query_index(route, key);
 
 	(void)kind, (void)value;
-	if (route_knows_query(route, key))
+	if (index >= 0 && !(check->seen & 1u << index)) {
+		check->seen |= 1u << index;
 		return MHD_YES;
+	}
 	check->good = false;
-	exchange_reply_problem(check->x, PROBLEM_MALFORMED, NULL,
-	    "Unknown query parameter '%.60s'; known here:%s.", key,
-	    route->query[0] != '\0' ? route->query : " none");
+	if (index >= 0)
+		exchange_reply_problem(check->x, PROBLEM_MALFORMED, NULL,
+		    "There is more than one query parameter '%s'.", key);
+	else
+		exchange_reply_problem(check->x, PROBLEM_MALFORMED, NULL,
+		    "Unknown query parameter '%.60s'; known here:%s.", key,
+		    route->query[0] != '\0' ? route->query : " none");
 	return MHD_NO;
 }
 
 static bool check_query(struct exchange *x)
 {
-	struct query_check check = {x, true};
+	struct query_check check = {x, 0, true};
 
+	if (x->target_has_nul) {
+		exchange_reply_problem(x, PROBLEM_MALFORMED, NULL,
+		    "There is a NUL (%%00) in the query.");
+		return false;
+	}
 	MHD_get_connection_values(x->connection, MHD_GET_ARGUMENT_KIND,
 	    check_parameter, &check);
 	return check.good;
+}
+
+/*
+ * Whether the target is as long as it is to this program. libmicrohttpd ends
+ * it with a NUL, in place, just before the version: one further to the left
+ * was sent by the client, and what comes behind it would be ignored.
+ */
+static bool check_nul(struct exchange *x, const char *version)
+{
+	if (version == x->target_end + 1)
+		return true;
+	exchange_reply_problem(x, PROBLEM_MALFORMED, NULL,
+	    "There is a NUL byte in the request line.");
+	return false;
 }
 
 static bool check_target(struct exchange *x, const char *path)
@@ -299,7 +359,7 @@ static bool check_target(struct exchange *x, const char *path)
 		    x->target_length, URI_MAX);
 		return false;
 	}
-	outcome = x->target_has_nul ? ROUTE_NO_PATH : route_find(x->method,
+	outcome = x->path_has_nul ? ROUTE_NO_PATH : route_find(x->method,
 	    path, &x->route, x->id, sizeof x->id, allow);
 	switch (outcome) {
 	case ROUTE_FOUND:
@@ -322,7 +382,6 @@ static bool check_target(struct exchange *x, const char *path)
 	return false;
 }
 
-/* Whether the connection can go on after x has been refused unread. */
 static bool has_body(struct exchange *x)
 {
 	const char *length = exchange_header(x, "Content-Length");
@@ -336,13 +395,15 @@ static enum MHD_Result begin(struct exchange *x, const char *method,
 {
 	x->checked = true;
 	x->method = method;
-	if (framing_check(x, version) && check_target(x, path)) {
+	if (!framing_check(x, version) || !check_nul(x, version))
+		return send_answer(x);
+	if (check_target(x, path)) {
 		x->discard = !x->route->has_body;
 		return MHD_YES;
 	}
-	if (has_body(x))
-		exchange_add_header(x, "Connection", "close");
-	return send_answer(x);
+	/* What is queued now closes the connection; without a body the next
+	 * call is soon enough. */
+	return has_body(x) ? send_answer(x) : MHD_YES;
 }
 
 /* ---- bodies ---- */
@@ -418,8 +479,9 @@ static enum MHD_Result take_body(struct exchange *x, const char *data,
 	x->body_seen += length;
 	if (x->refused_midway || x->discard)
 		return x->body_seen > 2 * most ? MHD_NO : MHD_YES;
-	http_set_deadline(x, x->begun + DEADLINE_SECONDS +
-	    (double)x->body_seen / LEAST_BYTES_PER_SECOND);
+	set_deadline(x->server->http, x->connection, x->begun +
+	    DEADLINE_SECONDS + (double)x->body_seen / LEAST_BYTES_PER_SECOND,
+	    true);
 	if (x->body_seen > most) {
 		snprintf(detail, sizeof detail, "The body has more than the "
 		    "%zu bytes that this server takes.", most);
@@ -439,6 +501,8 @@ static enum MHD_Result dispatch(struct exchange *x)
 {
 	if (x->refused_midway)
 		return MHD_NO;
+	if (x->response != NULL)
+		return send_answer(x);
 	owe(x);
 	http_set_deadline(x, HTTP_NO_DEADLINE);
 	x->route->handle(x);
@@ -558,7 +622,7 @@ static struct MHD_Daemon *start_daemon(struct http *h)
 	    MHD_OPTION_END);
 }
 
-enum err http_start(struct server *server, char url[static HTTP_URL_MAX])
+enum err http_listen(struct server *server, char url[static HTTP_URL_MAX])
 {
 	struct http *h = calloc(1, sizeof *h);
 
@@ -567,19 +631,22 @@ enum err http_start(struct server *server, char url[static HTTP_URL_MAX])
 	h->server = server;
 	pthread_mutex_init(&h->lock, NULL);
 	h->listener = open_listener(server->config);
-	if (h->listener < 0)
-		goto fail;
+	if (h->listener < 0) {
+		pthread_mutex_destroy(&h->lock);
+		free(h);
+		return ERR_IO;
+	}
 	print_url(h->listener, url);
 	server->http = h;
+	return ERR_OK;
+}
+
+enum err http_start(struct http *h)
+{
 	h->daemon = start_daemon(h);
 	if (h->daemon != NULL)
 		return ERR_OK;
 	log_write(LOG_ERROR, "cannot start the HTTP server");
-	server->http = NULL;
-	close(h->listener);
-fail:
-	pthread_mutex_destroy(&h->lock);
-	free(h);
 	return ERR_IO;
 }
 
@@ -605,8 +672,9 @@ void http_stop(struct http *h)
 {
 	if (h == NULL)
 		return;
-	MHD_stop_daemon(h->daemon);
-	if (h->is_quiesced)
+	if (h->daemon != NULL)
+		MHD_stop_daemon(h->daemon);
+	if (h->daemon == NULL || h->is_quiesced)
 		close(h->listener);
 	pthread_mutex_destroy(&h->lock);
 	free(h);

@@ -17,11 +17,14 @@ struct server;
 #define HTTP_NO_DEADLINE 1e300
 
 /*
- * Listens and serves as server->config says. server->http is set before the
- * first request; url gets "http://HOST:PORT" with the real port. ERR_IO (the
+ * Listens as server->config says, as server->http, for http_stop; nothing is
+ * answered yet. url gets "http://HOST:PORT" with the real port. ERR_IO (the
  * log says why), ERR_MEMORY.
  */
-enum err http_start(struct server *server, char url[static HTTP_URL_MAX]);
+enum err http_listen(struct server *server, char url[static HTTP_URL_MAX]);
+
+/* Begins to serve. ERR_IO: the log says why. */
+enum err http_start(struct http *h);
 
 /* Stops listening; connections stay. */
 void http_quiesce(struct http *h);
@@ -31,15 +34,16 @@ void http_quiesce(struct http *h);
 size_t http_owed(struct http *h);
 size_t http_active(struct http *h);
 
-/* Shuts connections whose deadline has passed. Call about once a second. */
+/* Shuts connections whose deadline has passed, or whose client hung up in the
+ * middle of a request. Call about once a second. */
 void http_reap(struct http *h);
 
 /* Closes everything. No exchange may be waiting. NULL does nothing. */
 void http_stop(struct http *h);
 
 /*
- * For exchanges: when (clock_seconds) the connection is shut if its request,
- * or answer, has not arrived by then.
+ * For exchanges whose request has arrived: when (clock_seconds) the connection
+ * is shut if the answer has not left by then.
  */
 void http_set_deadline(struct exchange *x, double when);
 

@@ -1,12 +1,13 @@
 /*
  * The daemon: starts its parts, waits for a signal, drains and stops them.
  */
-#include <errno.h>
+#include <poll.h>
 #include <pthread.h>
 #include <signal.h>
+#include <stdint.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
+#include <sys/eventfd.h>
+#include <sys/signalfd.h>
 #include <unistd.h>
 
 #include "server/clock.h"
@@ -24,6 +25,28 @@
 /* ... and, once every answer is out, before requests still arriving are. */
 #define LINGER_SECONDS 5.0
 
+/* Supervisors and terminals may send a signal twice: a second one that comes
+ * sooner than this is no wish to give up. */
+#define PATIENCE_SECONDS 1.0
+
+/* What the main thread waits for. */
+enum told {
+	TOLD_NOTHING,
+	TOLD_TO_STOP,
+	TOLD_OF_FAILURE
+};
+
+/* ... and how it hears of it: descriptors of signals, and of an event. */
+struct ears {
+	int signals;
+	int failure;
+};
+
+struct daemon {
+	struct server server;
+	struct ears ears;
+};
+
 static void on_tables_changed(void *ctx)
 {
 	struct server *server = ctx;
@@ -33,49 +56,73 @@ static void on_tables_changed(void *ctx)
 
 static void on_ready(void *ctx)
 {
-	struct server *server = ctx;
+	struct daemon *d = ctx;
 
 	log_write(LOG_INFO, "ready after %.0f ms",
-	    1e3 * (clock_seconds() - server->started));
-	tables_measure(server->tables);
+	    1e3 * (clock_seconds() - d->server.started));
+	tables_measure(d->server.tables);
 }
 
 /* Wakes the main thread, which gives up. */
 static void on_device_failed(void *ctx)
 {
-	(void)ctx;
-	kill(getpid(), SIGUSR1);
+	struct daemon *d = ctx;
+
+	eventfd_write(d->ears.failure, 1);
 }
 
 /* ---- signals ---- */
 
-static void block_signals(sigset_t *set)
+/* nohup has it ignored, and means it. */
+static bool is_ignored(int signal_number)
 {
-	sigemptyset(set);
-	sigaddset(set, SIGTERM);
-	sigaddset(set, SIGINT);
-	sigaddset(set, SIGUSR1);
-	pthread_sigmask(SIG_BLOCK, set, NULL);
+	struct sigaction action;
+
+	return sigaction(signal_number, NULL, &action) == 0 &&
+	    action.sa_handler == SIG_IGN;
+}
+
+/* Before any thread is started: they inherit what is blocked. */
+static bool open_ears(struct ears *ears)
+{
+	sigset_t set;
+
+	sigemptyset(&set);
+	sigaddset(&set, SIGTERM);
+	sigaddset(&set, SIGINT);
+	if (!is_ignored(SIGHUP))
+		sigaddset(&set, SIGHUP);
+	pthread_sigmask(SIG_BLOCK, &set, NULL);
 	signal(SIGPIPE, SIG_IGN);
+	ears->signals = signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK);
+	ears->failure = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+	return ears->signals >= 0 && ears->failure >= 0;
 }
 
-/* The next of set's signals; 0 after so many seconds without one. */
-static int await_signal(const sigset_t *set, double seconds)
+/* What comes within so many milliseconds; a signal, or a failure, once. */
+static enum told listen_for(const struct ears *ears, int milliseconds)
 {
-	const struct timespec timeout = {(time_t)seconds,
-	    (long)((seconds - (double)(time_t)seconds) * 1e9)};
-	int signal_number = sigtimedwait(set, NULL, &timeout);
+	struct pollfd fds[2] = {
+		{.fd = ears->signals, .events = POLLIN},
+		{.fd = ears->failure, .events = POLLIN},
+	};
+	struct signalfd_siginfo info;
+	eventfd_t event;
 
-	return signal_number > 0 ? signal_number : 0;
+	poll(fds, 2, milliseconds);
+	if (read(ears->signals, &info, sizeof info) == sizeof info)
+		return TOLD_TO_STOP;
+	return eventfd_read(ears->failure, &event) == 0 ? TOLD_OF_FAILURE :
+	    TOLD_NOTHING;
 }
 
-/* Serves until told to stop; returns the signal that told. */
-static int serve(struct server *server, const sigset_t *set)
+/* Serves until told something. */
+static enum told serve(struct daemon *d)
 {
-	int told;
+	enum told told;
 
-	while ((told = await_signal(set, 1.0)) == 0)
-		http_reap(server->http);
+	while ((told = listen_for(&d->ears, 1000)) == TOLD_NOTHING)
+		http_reap(d->server.http);
 	return told;
 }
 
@@ -93,8 +140,9 @@ static bool is_drained(struct server *server, double *idle_since)
 	    now - *idle_since > LINGER_SECONDS;
 }
 
-/* Finishes what runs and what is queued. A second signal ends it at once. */
-static void drain(struct server *server, const sigset_t *set)
+/* Finishes what runs and what is queued. A signal after a while ends it at
+ * once. */
+static void drain(struct server *server, const struct ears *ears)
 {
 	double begin = clock_seconds(), idle_since = begin;
 
@@ -103,11 +151,15 @@ static void drain(struct server *server, const sigset_t *set)
 	http_quiesce(server->http);
 	scheduler_drain(server->scheduler);
 	while (!is_drained(server, &idle_since)) {
-		if (await_signal(set, 0.02) != 0) {
+		double seconds;
+		bool told = listen_for(ears, 20) == TOLD_TO_STOP;
+
+		seconds = clock_seconds() - begin;
+		if (told && seconds > PATIENCE_SECONDS) {
 			log_write(LOG_WARNING, "second signal: giving up");
 			_exit(1);
 		}
-		if (clock_seconds() - begin > DRAIN_SECONDS) {
+		if (seconds > DRAIN_SECONDS) {
 			log_write(LOG_WARNING, "still busy after %.0f s: "
 			    "giving up the rest", DRAIN_SECONDS);
 			break;
@@ -117,35 +169,55 @@ static void drain(struct server *server, const sigset_t *set)
 
 /* ---- parts ---- */
 
-static enum err start_scheduler(struct server *server)
+static enum err start_scheduler(struct daemon *d)
 {
+	struct server *server = &d->server;
 	const struct scheduler_options options = {
 		.device = server->config->device,
 		.tables = server->tables,
 		.queue = server->config->queue,
 		.ready = on_ready,
 		.failed = on_device_failed,
-		.ctx = server,
+		.ctx = d,
 	};
 
 	return scheduler_create(&options, &server->scheduler);
 }
 
-static enum err start(struct server *server, char url[static HTTP_URL_MAX])
+static enum err check_device(const struct device_options *options)
 {
+	struct device_failure failure = {0};
+	enum err err = device_check(options, &failure);
+
+	if (err != ERR_OK)
+		log_write(LOG_ERROR, "device: %s: %s", err_message(err),
+		    failure.message);
+	device_failure_fini(&failure);
+	return err;
+}
+
+/* What fails soonest comes first. */
+static enum err start(struct daemon *d, char url[static HTTP_URL_MAX])
+{
+	struct server *server = &d->server;
 	const struct config *config = server->config;
 	enum err err;
 
-	err = tables_create(config->layout, &server->tables);
+	err = http_listen(server, url);
 	if (err == ERR_OK)
-		err = scene_store_create(config->max_scenes, &server->scenes);
+		err = check_device(&config->device);
 	if (err == ERR_OK)
-		err = start_scheduler(server);
+		err = tables_create(config->layout, &server->tables);
+	if (err == ERR_OK)
+		err = scene_store_create(config->max_scenes,
+		    config->scene_memory, &server->scenes);
+	if (err == ERR_OK)
+		err = start_scheduler(d);
 	if (err == ERR_OK)
 		err = tables_start(server->tables, config->measure,
 		    on_tables_changed, server);
 	if (err == ERR_OK)
-		err = http_start(server, url);
+		err = http_start(server->http);
 	return err;
 }
 
@@ -167,26 +239,23 @@ static void stop(struct server *server)
 
 static int run(const struct config *config)
 {
-	struct server server = {.config = config};
+	struct daemon d = {.server = {.config = config}};
 	char url[HTTP_URL_MAX];
-	sigset_t signals;
 	int status = 1;
-	enum err err;
+	enum err err = ERR_IO;
 
-	block_signals(&signals);
-	server.started = clock_seconds();
-	err = start(&server, url);
+	d.server.started = clock_seconds();
+	if (open_ears(&d.ears))
+		err = start(&d, url);
 	if (err == ERR_OK) {
 		printf("blobfieldd listening on %s\n", url);
 		fflush(stdout);
-		if (serve(&server, &signals) != SIGUSR1) {
-			drain(&server, &signals);
-			status = 0;
-		}
+		status = serve(&d) == TOLD_TO_STOP ? 0 : 1;
+		drain(&d.server, &d.ears);
 	} else {
 		log_write(LOG_ERROR, "cannot start: %s", err_message(err));
 	}
-	stop(&server);
+	stop(&d.server);
 	log_write(LOG_INFO, "stopped");
 	return status;
 }

@@ -2,6 +2,7 @@
 
 #include <stdio.h>
 #include <string.h>
+#include <strings.h>
 
 #include "server/handlers.h"
 
@@ -79,6 +80,24 @@ static bool serves(const struct route *route, const char *method)
 	    (strcmp(method, "HEAD") == 0 && strcmp(route->method, "GET") == 0);
 }
 
+/* The path of a target in absolute form, http://host/path; or target itself. */
+static const char *skip_authority(const char *target)
+{
+	const char *path;
+
+	if (strncasecmp(target, "http://", 7) != 0)
+		return target;
+	path = strchr(target + 7, '/');
+	return path != NULL ? path : "/";
+}
+
+/* OPTIONS *: what is possible somewhere. */
+static enum route_outcome find_any(char allow[static ROUTE_ALLOW_MAX])
+{
+	strcpy(allow, "GET, HEAD, POST, PUT, DELETE, OPTIONS");
+	return ROUTE_OPTIONS;
+}
+
 enum route_outcome route_find(const char *method, const char *path,
     const struct route **out, char *id, size_t id_size,
     char allow[static ROUTE_ALLOW_MAX])
@@ -86,13 +105,16 @@ enum route_outcome route_find(const char *method, const char *path,
 	const struct route *found = NULL;
 
 	id[0] = allow[0] = '\0';
+	if (strcmp(path, "*") == 0 && strcmp(method, "OPTIONS") == 0)
+		return find_any(allow);
+	path = skip_authority(path);
 	for (size_t i = 0; i < ROUTE_COUNT; i++) {
 		const char *at;
 		size_t length;
 
-		if (!match(routes[i].pattern, path, &at, &length) ||
-		    length >= id_size)
+		if (!match(routes[i].pattern, path, &at, &length))
 			continue;
+		length = length < id_size ? length : id_size - 1;
 		memcpy(id, at, length);
 		id[length] = '\0';
 		allow_method(allow, routes[i].method);
@@ -110,16 +132,17 @@ enum route_outcome route_find(const char *method, const char *path,
 	return ROUTE_FOUND;
 }
 
-bool route_knows_query(const struct route *route, const char *name)
+int route_query_index(const struct route *route, const char *name)
 {
 	size_t length = strlen(name);
+	int index = 0;
 
-	for (const char *at = route->query; *at != '\0';) {
+	for (const char *at = route->query; *at != '\0'; index++) {
 		size_t n = strcspn(++at, " ");
 
 		if (n == length && memcmp(at, name, n) == 0)
-			return true;
+			return index;
 		at += n;
 	}
-	return false;
+	return -1;
 }

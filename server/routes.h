@@ -30,14 +30,16 @@ enum route_outcome {
 #define ROUTE_ALLOW_MAX 64
 
 /*
- * Finds the route of method and path. id (id_size bytes) gets what stands for
- * {id}, "" if nothing does; one too long is no path of ours.
+ * Finds the route of method and path, which may also be a whole http URL, or *
+ * for OPTIONS. id (id_size bytes) gets what stands for {id}, cut to size, "" if
+ * nothing does.
  */
 enum route_outcome route_find(const char *method, const char *path,
     const struct route **out, char *id, size_t id_size,
     char allow[static ROUTE_ALLOW_MAX]);
 
-bool route_knows_query(const struct route *route, const char *name);
+/* Which of the parameters that route knows name is; -1: none. */
+int route_query_index(const struct route *route, const char *name);
 
 /* All routes, for the index. */
 const struct route *route_list(size_t *count);

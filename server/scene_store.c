@@ -6,6 +6,7 @@
 #include <string.h>
 #include <sys/random.h>
 
+#include "core/tape.h"
 #include "server/program.h"
 #include "server/scheduler.h"
 
@@ -13,6 +14,7 @@ struct scene_store {
 	pthread_rwlock_t lock;  /* guards the rest */
 	struct scene **scenes;  /* sorted by id */
 	size_t count, size, most;
+	size_t bytes, bytes_most;
 };
 
 /* ---- revisions ---- */
@@ -24,6 +26,13 @@ static void scene_free(struct scene *scene)
 	free(scene->name);
 	free(scene->text);
 	free(scene);
+}
+
+static size_t tape_bytes(const struct tape *tape)
+{
+	return sizeof *tape + tape->insn_count * sizeof *tape->insns +
+	    tape->param_count * sizeof *tape->params +
+	    tape->operator_count * sizeof *tape->operators;
 }
 
 enum err scene_create(struct scheduler *scheduler, const char *id,
@@ -48,6 +57,7 @@ enum err scene_create(struct scheduler *scheduler, const char *id,
 	}
 	memcpy(scene->text, text, length);
 	scene->length = length;
+	scene->bytes = sizeof *scene + length + tape_bytes(program->tape);
 	etag_of(text, length, scene->etag);
 	*out = scene;
 	return ERR_OK;
@@ -91,13 +101,15 @@ enum err scene_id_random(char out[static SCENE_ID_MAX + 1])
 
 /* ---- the store ---- */
 
-enum err scene_store_create(size_t max_scenes, struct scene_store **out)
+enum err scene_store_create(size_t max_scenes, size_t max_bytes,
+    struct scene_store **out)
 {
 	struct scene_store *store = calloc(1, sizeof *store);
 
 	if (store == NULL)
 		return ERR_MEMORY;
 	store->most = max_scenes;
+	store->bytes_most = max_bytes;
 	pthread_rwlock_init(&store->lock, NULL);
 	*out = store;
 	return ERR_OK;
@@ -143,6 +155,16 @@ size_t scene_store_count(struct scene_store *store)
 	return count;
 }
 
+size_t scene_store_bytes(struct scene_store *store)
+{
+	size_t bytes;
+
+	pthread_rwlock_rdlock(&store->lock);
+	bytes = store->bytes;
+	pthread_rwlock_unlock(&store->lock);
+	return bytes;
+}
+
 struct scene *scene_store_get(struct scene_store *store, const char *id)
 {
 	struct scene *scene = NULL;
@@ -164,7 +186,17 @@ static bool fulfilled(const struct precondition *precondition,
 	    precondition_none_match(precondition, etag);
 }
 
-/* Makes room for one more scene at index at. Locked. */
+/* Whether scene fits in, old (NULL: none) gone. Locked. */
+static bool fits(const struct scene_store *store, const struct scene *scene,
+    const struct scene *old)
+{
+	size_t others = store->bytes - (old != NULL ? old->bytes : 0);
+
+	return scene->bytes <= store->bytes_most &&
+	    others <= store->bytes_most - scene->bytes;
+}
+
+/* Puts one more scene in at index at. Locked. */
 static enum err insert(struct scene_store *store, size_t at,
     struct scene *scene)
 {
@@ -199,14 +231,19 @@ enum err scene_store_put(struct scene_store *store, struct scene *scene,
 	at = find(store, scene->id, &there);
 	if (!fulfilled(precondition, there ? store->scenes[at]->etag : NULL)) {
 		err = ERR_CONFLICT;
+	} else if (!fits(store, scene, there ? store->scenes[at] : NULL)) {
+		err = ERR_LIMIT;
 	} else if (there) {
 		old = store->scenes[at];
+		store->bytes -= old->bytes;
 		store->scenes[at] = scene;
 	} else {
 		err = insert(store, at, scene);
 	}
-	if (err == ERR_OK)
+	if (err == ERR_OK) {
+		store->bytes += scene->bytes;
 		hold(scene);
+	}
 	pthread_rwlock_unlock(&store->lock);
 	if (old != NULL)
 		scene_release(old);
@@ -231,6 +268,7 @@ enum err scene_store_delete(struct scene_store *store, const char *id,
 		err = ERR_CONFLICT;
 	} else {
 		old = store->scenes[at];
+		store->bytes -= old->bytes;
 		memmove(store->scenes + at, store->scenes + at + 1,
 		    (--store->count - at) * sizeof *store->scenes);
 	}

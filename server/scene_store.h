@@ -29,6 +29,7 @@ struct scene {
 	char *text;              /* the document's bytes, as they came */
 	size_t length;
 	size_t nodes;
+	size_t bytes;            /* of memory: text and tape */
 	struct program *program; /* one reference */
 };
 
@@ -49,12 +50,17 @@ bool scene_id_is_valid(const char *id);
 /* An id that nobody guesses. ERR_IO. */
 enum err scene_id_random(char out[static SCENE_ID_MAX + 1]);
 
-enum err scene_store_create(size_t max_scenes, struct scene_store **out);
+/* Of max_scenes at most, which take max_bytes of memory at most. */
+enum err scene_store_create(size_t max_scenes, size_t max_bytes,
+    struct scene_store **out);
 
 /* Releases every scene. NULL does nothing. */
 void scene_store_free(struct scene_store *store);
 
 size_t scene_store_count(struct scene_store *store);
+
+/* The memory that the scenes kept take. */
+size_t scene_store_bytes(struct scene_store *store);
 
 /* The scene's present revision, for scene_release; NULL if there is none. */
 struct scene *scene_store_get(struct scene_store *store, const char *id);
@@ -62,7 +68,7 @@ struct scene *scene_store_get(struct scene_store *store, const char *id);
 /*
  * Makes scene (of which it takes one reference more) the revision under its
  * id; *replaced tells whether there was one. ERR_CONFLICT: precondition fails;
- * ERR_LIMIT: too many scenes; ERR_MEMORY.
+ * ERR_LIMIT: too many scenes, or too many bytes of them; ERR_MEMORY.
  */
 enum err scene_store_put(struct scene_store *store, struct scene *scene,
     const struct precondition *precondition, bool *replaced);

@@ -4,6 +4,8 @@
  * programs and the published figures, and is released while the device works.
  * Who completes: finish(), called by the device thread alone, after it has
  * taken the job off the queue; so each job is completed exactly once.
+ * Who gets on: the first job of the queue has a claim on all room for tables,
+ * so its turn comes whatever the others need; they run if theirs are resident.
  */
 #include "server/scheduler.h"
 
@@ -12,6 +14,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "core/output.h"
 #include "core/tape.h"
@@ -26,6 +29,11 @@
 
 /* Tapes kept on the device for scenes that may be asked again. */
 #define LOADED_BYTES_MAX ((size_t)64 << 20)
+
+/* Seconds between looks at which waiting clients are gone: at least, since
+ * each is a system call for every job; and at most. */
+#define SWEEP_LEAST 0.05
+#define SWEEP_MOST 0.5
 
 struct scheduler {
 	struct scheduler_options options;
@@ -45,7 +53,10 @@ struct scheduler {
 	struct device *device;
 	struct program *newest, *oldest; /* loaded programs */
 	size_t loaded_bytes;
+	struct job *head;     /* whose tables are reserved, or NULL */
+	double swept;         /* clock_seconds */
 	enum err broken;      /* why there is no device */
+	char why[256];        /* the same, for people */
 };
 
 static void signal_event(struct scheduler *s)
@@ -96,14 +107,15 @@ static bool uses(const struct program *p, const struct table_entry *entry)
 	return false;
 }
 
-/* Makes room among the tables; false if every one is in use. */
-static bool evict(struct scheduler *s)
+/* Makes room among the tables for one with that claim; false if there is
+ * none to be made. */
+static bool evict(struct scheduler *s, enum table_claim claim)
 {
 	const struct table_entry *entry;
 	struct program *older;
 	int slot;
 
-	if (!tables_evict(s->options.tables, &entry, &slot))
+	if (!tables_evict(s->options.tables, claim, &entry, &slot))
 		return false;
 	for (struct program *p = s->newest; p != NULL; p = older) {
 		older = p->older;
@@ -168,10 +180,83 @@ static void bury_dead(struct scheduler *s)
 
 /* ---- jobs, device thread ---- */
 
+/* Hands job back. It may be gone as soon as done() has been called; only then
+ * is it no longer counted in *count. */
+static void finish(struct scheduler *s, struct job *job, enum err err,
+    size_t *count)
+{
+	job->result = err;
+	if (err != ERR_OK) {
+		free(job->rows);
+		job->rows = NULL;
+	}
+	tables_unask(s->options.tables, job->program->entries,
+	    job->program->entry_count);
+	pthread_mutex_lock(&s->lock);
+	s->stats.completed++;
+	s->stats.points += err == ERR_OK ? job->count : 0;
+	pthread_mutex_unlock(&s->lock);
+	job->done(job->ctx);
+	pthread_mutex_lock(&s->lock);
+	--*count;
+	pthread_mutex_unlock(&s->lock);
+}
+
+/* Takes *link off the queue. Locked. */
+static struct job *unlink_job(struct scheduler *s, struct job **link)
+{
+	struct job *job = *link;
+
+	*link = job->next;
+	if (*link == NULL)
+		s->last = link;
+	s->bytes -= job_bytes(job);
+	job->next = NULL;
+	return job;
+}
+
+/* Takes all jobs that nobody waits for off the queue. */
+static struct job *take_unwanted(struct scheduler *s)
+{
+	struct job **link = &s->first, *list = NULL;
+
+	pthread_mutex_lock(&s->lock);
+	while (*link != NULL) {
+		struct job *job = *link;
+
+		if (job->wanted(job->ctx)) {
+			link = &job->next;
+			continue;
+		}
+		unlink_job(s, link);
+		job->next = list;
+		list = job;
+	}
+	pthread_mutex_unlock(&s->lock);
+	return list;
+}
+
+/* Completes the jobs whose clients have hung up: they take places in the queue
+ * and have tables built. */
+static void sweep(struct scheduler *s)
+{
+	double now = clock_seconds();
+	struct job *job, *next;
+
+	if (now - s->swept < SWEEP_LEAST)
+		return;
+	s->swept = now;
+	for (job = take_unwanted(s); job != NULL; job = next) {
+		next = job->next;
+		finish(s, job, ERR_CANCELLED, &s->stats.waiting);
+	}
+}
+
 static bool go_on(void *ctx)
 {
 	struct job *job = ctx;
 
+	sweep(job->scheduler);
 	return !atomic_load(&job->scheduler->cancel) && job->wanted(job->ctx);
 }
 
@@ -199,26 +284,6 @@ static enum err run(struct scheduler *s, struct job *job)
 	return err;
 }
 
-/* Hands job back. It may be gone as soon as done() has been called. */
-static void finish(struct scheduler *s, struct job *job, enum err err)
-{
-	job->result = err;
-	if (err != ERR_OK) {
-		free(job->rows);
-		job->rows = NULL;
-	}
-	tables_unpin(s->options.tables, job->program->entries,
-	    job->program->entry_count);
-	pthread_mutex_lock(&s->lock);
-	s->stats.completed++;
-	s->stats.points += err == ERR_OK ? job->count : 0;
-	pthread_mutex_unlock(&s->lock);
-	job->done(job->ctx);
-	pthread_mutex_lock(&s->lock);
-	s->stats.running = 0;
-	pthread_mutex_unlock(&s->lock);
-}
-
 /*
  * Whether job can be completed now, in *ready, and if that is without running
  * it, why.
@@ -230,6 +295,8 @@ static enum err check(struct scheduler *s, const struct job *job, bool *ready)
 		return ERR_DEVICE;
 	if (atomic_load(&s->cancel))
 		return ERR_CANCELLED;
+	if (job->is_too_large)
+		return ERR_LIMIT;
 	return tables_check(s->options.tables, job->program->entries,
 	    job->program->entry_count, ready);
 }
@@ -247,17 +314,23 @@ static struct job *take(struct scheduler *s, enum err *err)
 		*err = check(s, *link, &ready);
 		if (!ready)
 			continue;
-		job = *link;
-		*link = job->next;
-		if (*link == NULL)
-			s->last = link;
-		s->bytes -= job_bytes(job);
+		job = unlink_job(s, link);
 		s->stats.waiting--;
 		s->stats.running = 1;
 		break;
 	}
 	pthread_mutex_unlock(&s->lock);
 	return job;
+}
+
+/* Says in job what err alone does not. */
+static void explain(const struct scheduler *s, struct job *job)
+{
+	if (s->broken != ERR_OK)
+		snprintf(job->message, sizeof job->message, "%s", s->why);
+	else if (job->is_too_large)
+		snprintf(job->message, sizeof job->message, "its operator "
+		    "tables together are larger than --table-memory");
 }
 
 /* Completes one job, if one can be. */
@@ -268,11 +341,13 @@ static bool serve(struct scheduler *s)
 
 	if (job == NULL)
 		return false;
-	if (err == ERR_OK && !job->wanted(job->ctx))
+	if (err != ERR_OK)
+		explain(s, job);
+	else if (!job->wanted(job->ctx))
 		err = ERR_CANCELLED;
-	if (err == ERR_OK)
+	else
 		err = run(s, job);
-	finish(s, job, err);
+	finish(s, job, err, &s->stats.running);
 	return true;
 }
 
@@ -286,23 +361,63 @@ static void fail_table(struct scheduler *s, struct table_entry *entry,
 	tables_failed(s->options.tables, entry, err);
 }
 
-/* Loads one built table, if there is one. When all room is taken by tables in
- * use, jobs that can run go first, and free some. */
+/* Reserves what the first job of the queue needs. */
+static void reserve(struct scheduler *s)
+{
+	struct job *job;
+
+	pthread_mutex_lock(&s->lock);
+	job = s->first;
+	pthread_mutex_unlock(&s->lock);
+	if (job == NULL && s->head == NULL)
+		return;
+	s->head = job;
+	tables_reserve(s->options.tables,
+	    job != NULL ? job->program->entries : NULL,
+	    job != NULL ? job->program->entry_count : 0);
+}
+
+/*
+ * No room for a table, nor any to be made. Returns whether anything changed.
+ * The head's may lie so that they leave gaps: all are loaded again, alone.
+ */
+static bool lack_room(struct scheduler *s, struct table_entry *entry,
+    enum table_claim claim)
+{
+	if (claim == TABLE_BUILTIN) {
+		fail_table(s, entry, ERR_DEVICE_MEMORY);
+	} else if (claim != TABLE_RESERVED) {
+		return false;
+	} else if (s->head->is_alone) {
+		s->head->is_too_large = true;
+	} else {
+		s->head->is_alone = true;
+		while (evict(s, TABLE_BUILTIN))
+			;
+	}
+	return true;
+}
+
+/* Loads one built table, if there is one and room for it. */
 static bool load_table(struct scheduler *s)
 {
 	const struct table *table;
-	struct table_entry *entry = tables_next_built(s->options.tables,
-	    &table);
+	struct table_entry *entry;
+	enum table_claim claim;
 	enum err err;
 	int slot;
 
-	if (entry == NULL || s->device == NULL)
+	if (s->device == NULL || s->broken != ERR_OK)
 		return false;
-	while ((err = device_load_table(s->device, table, &slot)) ==
-	    ERR_DEVICE_MEMORY) {
-		if (!evict(s) && !serve(s))
-			break;
-	}
+	entry = tables_next_built(s->options.tables, &table, &claim);
+	if (entry == NULL || (claim < TABLE_RESERVED && s->head != NULL &&
+	    s->head->is_alone))
+		return false;
+	do
+		err = device_load_table(s->device, table, &slot);
+	while (err == ERR_DEVICE_MEMORY && evict(s, claim));
+	if (err == ERR_DEVICE_MEMORY)
+		return lack_room(s, entry, claim);
 	if (err == ERR_OK)
 		tables_loaded(s->options.tables, entry, slot);
 	else
@@ -316,16 +431,25 @@ static bool load_table(struct scheduler *s)
 
 /* ---- the device thread ---- */
 
+static void break_down(struct scheduler *s, enum err err, const char *what,
+    const char *message)
+{
+	s->broken = err;
+	snprintf(s->why, sizeof s->why, "%s: %s%s%s", what, err_message(err),
+	    message[0] != '\0' ? ": " : "", message);
+	log_write(LOG_ERROR, "%s: %s%s%s", what, err_message(err),
+	    message[0] != '\0' ? ": " : "", message);
+}
+
 static void open_device(struct scheduler *s)
 {
 	struct device_failure failure = {0};
 	double begin = clock_seconds();
 	const struct device_info *info;
+	enum err err = device_open(&s->options.device, &s->device, &failure);
 
-	s->broken = device_open(&s->options.device, &s->device, &failure);
-	if (s->broken != ERR_OK) {
-		log_write(LOG_ERROR, "device: %s: %s", err_message(s->broken),
-		    failure.message);
+	if (err != ERR_OK) {
+		break_down(s, err, "device", failure.message);
 		if (failure.build_log != NULL)
 			log_text(LOG_ERROR, failure.build_log);
 		device_failure_fini(&failure);
@@ -354,9 +478,8 @@ static void check_ready(struct scheduler *s)
 		return;
 	err = tables_check_builtin(s->options.tables, &ready);
 	if (err != ERR_OK && !atomic_load(&s->cancel)) {
-		log_write(LOG_ERROR, "built-in operator tables: %s",
-		    err_message(err));
-		s->broken = err;
+		break_down(s, err, "built-in operator tables",
+		    err == ERR_MEMORY ? "" : device_message(s->device));
 		s->options.failed(s->options.ctx);
 	}
 	if (err != ERR_OK || !ready)
@@ -367,14 +490,30 @@ static void check_ready(struct scheduler *s)
 	s->options.ready(s->options.ctx);
 }
 
-/* Waits until something happens after event; false once stopping. */
+/* Waits for a signal of s->wake; not for ever while jobs wait. False if none
+ * came in time. Locked. */
+static bool await_wake(struct scheduler *s)
+{
+	struct timespec until;
+
+	if (s->first == NULL)
+		return pthread_cond_wait(&s->wake, &s->lock) == 0;
+	clock_gettime(CLOCK_MONOTONIC, &until);
+	until.tv_nsec += (long)(1e9 * SWEEP_MOST);
+	until.tv_sec += until.tv_nsec / 1000000000;
+	until.tv_nsec %= 1000000000;
+	return pthread_cond_timedwait(&s->wake, &s->lock, &until) == 0;
+}
+
+/* Waits until something happens after event, or it is time to look who still
+ * waits; false once stopping. */
 static bool await_event(struct scheduler *s, unsigned long *event)
 {
 	bool stopping;
 
 	pthread_mutex_lock(&s->lock);
-	while (s->events == *event && !s->stopping)
-		pthread_cond_wait(&s->wake, &s->lock);
+	while (s->events == *event && !s->stopping && await_wake(s))
+		;
 	*event = s->events;
 	stopping = s->stopping;
 	pthread_mutex_unlock(&s->lock);
@@ -400,6 +539,8 @@ static void *device_main(void *arg)
 
 		do {
 			bury_dead(s);
+			sweep(s);
+			reserve(s);
 			busy = load_table(s);
 			check_ready(s);
 			busy = serve(s) || busy;
@@ -413,6 +554,16 @@ static void *device_main(void *arg)
 
 /* ---- other threads ---- */
 
+static void init_wake(pthread_cond_t *wake)
+{
+	pthread_condattr_t attributes;
+
+	pthread_condattr_init(&attributes);
+	pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
+	pthread_cond_init(wake, &attributes);
+	pthread_condattr_destroy(&attributes);
+}
+
 enum err scheduler_create(const struct scheduler_options *options,
     struct scheduler **out)
 {
@@ -423,7 +574,7 @@ enum err scheduler_create(const struct scheduler_options *options,
 	s->options = *options;
 	s->last = &s->first;
 	pthread_mutex_init(&s->lock, NULL);
-	pthread_cond_init(&s->wake, NULL);
+	init_wake(&s->wake);
 	if (pthread_create(&s->thread, NULL, device_main, s) != 0) {
 		s->stopped = true;
 		scheduler_free(s);
@@ -445,7 +596,7 @@ enum err scheduler_submit(struct scheduler *s, struct job *job)
 	    s->bytes + bytes > QUEUE_BYTES_MAX))
 		err = ERR_BUSY;
 	if (err == ERR_OK) {
-		tables_pin(s->options.tables, job->program->entries,
+		tables_ask(s->options.tables, job->program->entries,
 		    job->program->entry_count);
 		job->scheduler = s;
 		job->next = NULL;

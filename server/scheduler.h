@@ -5,7 +5,8 @@
  * HTTP threads submit jobs; each job is completed exactly once, by a call of
  * its done() on the device thread, after which the job is the submitter's
  * again. A job whose operator tables are not resident waits for them while
- * later ones go ahead.
+ * later ones, whose are, go ahead; the one that has waited longest has its
+ * tables loaded before all others'.
  */
 #ifndef SERVER_SCHEDULER_H
 #define SERVER_SCHEDULER_H
@@ -30,7 +31,8 @@ struct job {
 	unsigned outputs;        /* OUTPUT_* */
 	void (*park)(void *ctx); /* accepted: called before anything else may be */
 	void (*done)(void *ctx); /* device thread */
-	bool (*wanted)(void *ctx); /* device thread: is anybody still waiting? */
+	bool (*wanted)(void *ctx); /* device thread: is anybody still waiting?
+	                            * Called with a lock held, and often. */
 	void *ctx;
 	/* set before done() */
 	enum err result;
@@ -40,6 +42,8 @@ struct job {
 	/* the scheduler's own */
 	struct job *next;
 	struct scheduler *scheduler;
+	bool is_alone;           /* its tables have had all room once */
+	bool is_too_large;       /* ... and it was not enough */
 };
 
 struct scheduler_options {

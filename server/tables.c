@@ -3,7 +3,8 @@
  * its members are guarded by the one lock, which is released while a table is
  * built, measured or uploaded. state says who works on the entry: the builder
  * (WAITING, BUILDING), the device thread (BUILT, RESIDENT), nobody (ABSENT,
- * FAILED). slot is the device thread's alone.
+ * FAILED). slot is the device thread's alone. An entry with claim TABLE_SPARE
+ * is not WAITING or BUILT, and, if BUILDING, is being abandoned.
  */
 #include "server/tables.h"
 
@@ -21,6 +22,10 @@
 #define BUILDERS_MAX 64
 #define BUILTIN_COUNT 4
 
+/* Tables of a claim, or a larger one, that may wait for the device thread at
+ * once: it can be busy for long, and a table takes up to 100 MB. */
+#define BUILT_MAX 2
+
 /* Points measured in one step: about 10 ms, so that a shutdown does not wait. */
 #define MEASURE_STEP 2000
 #define MEASURE_QUANTITIES 10
@@ -32,7 +37,9 @@ struct table_entry {
 	struct operator key;      /* its opening does not count */
 	enum table_state state;
 	enum err err;             /* FAILED */
-	size_t refs, pins;
+	size_t refs, asks;
+	bool is_reserved;
+	bool is_builtin;
 	unsigned long turn;       /* order of asking, then of last use */
 	struct table *table;      /* host copy; NULL once nobody needs it */
 	bool measuring;           /* the measuring thread reads table */
@@ -55,6 +62,7 @@ struct tables {
 	unsigned long turn;
 	bool may_measure;
 	atomic_bool stop;
+	atomic_bool abandon;      /* what the builder builds now */
 	pthread_t builder, measurer;
 	bool has_builder, has_measurer;
 	struct table_entry *builtin[BUILTIN_COUNT];
@@ -81,6 +89,16 @@ static bool same_key(const struct operator *a, const struct operator *b)
 	    profile_equal(&a->profile, &b->profile);
 }
 
+/* Locked. */
+static enum table_claim claim_of(const struct table_entry *entry)
+{
+	if (entry->is_builtin && !entry->was_resident)
+		return TABLE_BUILTIN;
+	if (entry->asks == 0)
+		return TABLE_SPARE;
+	return entry->is_reserved ? TABLE_RESERVED : TABLE_ASKED;
+}
+
 /* Frees the host copy where nobody will read it again. Locked. */
 static void trim(struct tables *t, struct table_entry *entry)
 {
@@ -99,8 +117,6 @@ static void forget(struct tables *t, struct table_entry *entry)
 {
 	struct table_entry **link = &t->list;
 
-	if (entry->state == TABLE_WAITING && entry->refs == 0)
-		entry->state = TABLE_ABSENT;
 	trim(t, entry);
 	if (entry->refs > 0 || entry->measuring ||
 	    (entry->state != TABLE_ABSENT && entry->state != TABLE_FAILED))
@@ -111,12 +127,28 @@ static void forget(struct tables *t, struct table_entry *entry)
 	free(entry);
 }
 
+/* Takes an entry that nobody waits for off its way to the device. Locked. */
+static void settle(struct tables *t, struct table_entry *entry)
+{
+	if (claim_of(entry) == TABLE_SPARE) {
+		if (entry->state == TABLE_BUILDING)
+			atomic_store(&t->abandon, true);
+		if (entry->state == TABLE_WAITING ||
+		    entry->state == TABLE_BUILT)
+			entry->state = TABLE_ABSENT;
+		pthread_cond_broadcast(&t->wake);
+	}
+	forget(t, entry);
+}
+
 /*
  * Has an entry built unless it is already on its way. One evicted while it was
  * being measured still has its host copy. Locked.
  */
 static void want(struct tables *t, struct table_entry *entry)
 {
+	if (entry->state == TABLE_BUILDING)
+		atomic_store(&t->abandon, false);
 	if (entry->state != TABLE_ABSENT && entry->state != TABLE_FAILED)
 		return;
 	entry->state = entry->table != NULL ? TABLE_BUILT : TABLE_WAITING;
@@ -129,27 +161,30 @@ static void want(struct tables *t, struct table_entry *entry)
 struct build {
 	struct table *table;
 	atomic_int next; /* slice to fill */
-	const atomic_bool *stop;
+	atomic_int filled;
+	const atomic_bool *stop, *abandon;
 };
 
 static void *fill_slices(void *arg)
 {
 	struct build *build = arg;
 
-	while (!atomic_load(build->stop)) {
+	while (!atomic_load(build->stop) && !atomic_load(build->abandon)) {
 		int slice = atomic_fetch_add(&build->next, 1);
 
 		if (slice >= build->table->resolution)
 			break;
 		table_build(build->table, slice, slice + 1);
+		atomic_fetch_add(&build->filled, 1);
 	}
 	return NULL;
 }
 
-/* Fills table on every core; the calling thread takes part. */
-static void fill(struct table *table, const atomic_bool *stop)
+/* Fills table on every core; the calling thread takes part. False: told to
+ * leave it unfinished. */
+static bool fill(struct tables *t, struct table *table)
 {
-	struct build build = {table, 0, stop};
+	struct build build = {table, 0, 0, &t->stop, &t->abandon};
 	pthread_t threads[BUILDERS_MAX];
 	long cores = sysconf(_SC_NPROCESSORS_ONLN);
 	int count = 0;
@@ -160,6 +195,7 @@ static void fill(struct table *table, const atomic_bool *stop)
 	fill_slices(&build);
 	while (count > 0)
 		pthread_join(threads[--count], NULL);
+	return atomic_load(&build.filled) == table->resolution;
 }
 
 static void log_built(const struct table_entry *entry)
@@ -180,17 +216,18 @@ static void build(struct tables *t, struct table_entry *entry)
 	enum err err;
 
 	entry->state = TABLE_BUILDING;
+	atomic_store(&t->abandon, false);
 	pthread_mutex_unlock(&t->lock);
 	err = table_create(key.family, &key.profile, key.layout,
 	    key.resolution, &table);
-	if (err == ERR_OK)
-		fill(table, &t->stop);
-	if (err == ERR_OK && atomic_load(&t->stop))
+	if (err == ERR_OK && !fill(t, table))
 		err = ERR_CANCELLED;
 	pthread_mutex_lock(&t->lock);
 	if (err != ERR_OK) {
 		table_free(table);
-		entry->state = TABLE_FAILED;
+		/* One asked for again meanwhile starts afresh. */
+		entry->state = err != ERR_CANCELLED ? TABLE_FAILED :
+		    TABLE_WAITING;
 		entry->err = err;
 		return;
 	}
@@ -201,16 +238,32 @@ static void build(struct tables *t, struct table_entry *entry)
 	log_built(entry);
 }
 
+/* The one in state with the largest claim; of several, the first asked for. */
 static struct table_entry *next_in(struct tables *t, enum table_state state)
 {
 	struct table_entry *best = NULL;
 
 	for (struct table_entry *e = t->list; e != NULL; e = e->next) {
-		if (e->state == state &&
-		    (best == NULL || e->turn < best->turn))
+		if (e->state != state)
+			continue;
+		if (best == NULL || claim_of(e) > claim_of(best) ||
+		    (claim_of(e) == claim_of(best) && e->turn < best->turn))
 			best = e;
 	}
 	return best;
+}
+
+/* The entry to build now, or NULL. */
+static struct table_entry *next_to_build(struct tables *t)
+{
+	struct table_entry *entry = next_in(t, TABLE_WAITING);
+	int built = 0;
+
+	for (struct table_entry *e = t->list; entry != NULL && e != NULL;
+	    e = e->next)
+		built += e->state == TABLE_BUILT &&
+		    claim_of(e) >= claim_of(entry);
+	return built < BUILT_MAX ? entry : NULL;
 }
 
 static void *builder_main(void *arg)
@@ -219,14 +272,14 @@ static void *builder_main(void *arg)
 
 	pthread_mutex_lock(&t->lock);
 	while (!atomic_load(&t->stop)) {
-		struct table_entry *entry = next_in(t, TABLE_WAITING);
+		struct table_entry *entry = next_to_build(t);
 
 		if (entry == NULL) {
 			pthread_cond_wait(&t->wake, &t->lock);
 			continue;
 		}
 		build(t, entry);
-		forget(t, entry);
+		settle(t, entry);
 		pthread_mutex_unlock(&t->lock);
 		t->changed(t->ctx);
 		pthread_mutex_lock(&t->lock);
@@ -321,6 +374,7 @@ static enum err acquire_builtin(struct tables *t)
 		err = tables_acquire(t, &op, &t->builtin[i]);
 		if (err != ERR_OK)
 			return err;
+		t->builtin[i]->is_builtin = true;
 		want(t, t->builtin[i]);
 	}
 	return ERR_OK;
@@ -426,25 +480,41 @@ void tables_release(struct tables *t, struct table_entry *entry)
 	pthread_mutex_unlock(&t->lock);
 }
 
-void tables_pin(struct tables *t, struct table_entry *const *entries,
+void tables_ask(struct tables *t, struct table_entry *const *entries,
     size_t count)
 {
 	pthread_mutex_lock(&t->lock);
 	for (size_t i = 0; i < count; i++) {
-		entries[i]->pins++;
+		entries[i]->asks++;
 		want(t, entries[i]);
 	}
 	pthread_mutex_unlock(&t->lock);
 }
 
-void tables_unpin(struct tables *t, struct table_entry *const *entries,
+void tables_unask(struct tables *t, struct table_entry *const *entries,
     size_t count)
 {
 	pthread_mutex_lock(&t->lock);
 	for (size_t i = 0; i < count; i++) {
-		entries[i]->pins--;
 		if (entries[i]->state == TABLE_RESIDENT)
 			entries[i]->turn = ++t->turn;
+		if (--entries[i]->asks == 0)
+			settle(t, entries[i]);
+	}
+	pthread_mutex_unlock(&t->lock);
+}
+
+void tables_reserve(struct tables *t, struct table_entry *const *entries,
+    size_t count)
+{
+	pthread_mutex_lock(&t->lock);
+	for (struct table_entry *e = t->list; e != NULL; e = e->next)
+		e->is_reserved = false;
+	for (size_t i = 0; i < count; i++) {
+		entries[i]->is_reserved = true;
+		/* The builder may have held back. */
+		if (entries[i]->state == TABLE_WAITING)
+			pthread_cond_broadcast(&t->wake);
 	}
 	pthread_mutex_unlock(&t->lock);
 }
@@ -487,14 +557,16 @@ enum err tables_check_builtin(struct tables *t, bool *ready)
 /* ---- the device thread's side ---- */
 
 struct table_entry *tables_next_built(struct tables *t,
-    const struct table **table)
+    const struct table **table, enum table_claim *claim)
 {
 	struct table_entry *entry;
 
 	pthread_mutex_lock(&t->lock);
 	entry = next_in(t, TABLE_BUILT);
-	if (entry != NULL)
+	if (entry != NULL) {
 		*table = entry->table;
+		*claim = claim_of(entry);
+	}
 	pthread_mutex_unlock(&t->lock);
 	return entry;
 }
@@ -525,24 +597,39 @@ int tables_slot(const struct table_entry *entry)
 	return entry->slot;
 }
 
-bool tables_evict(struct tables *t, const struct table_entry **out, int *slot)
+/* The resident entry to give up first for one with that claim, or NULL. */
+static struct table_entry *least_needed(struct tables *t,
+    enum table_claim claim)
 {
-	struct table_entry *oldest = NULL;
+	struct table_entry *best = NULL;
+
+	for (struct table_entry *e = t->list; e != NULL; e = e->next) {
+		if (e->state != TABLE_RESIDENT || claim_of(e) >= claim)
+			continue;
+		if (best == NULL || claim_of(e) < claim_of(best) ||
+		    (claim_of(e) == claim_of(best) && e->turn < best->turn))
+			best = e;
+	}
+	return best;
+}
+
+bool tables_evict(struct tables *t, enum table_claim claim,
+    const struct table_entry **out, int *slot)
+{
+	struct table_entry *entry;
 
 	pthread_mutex_lock(&t->lock);
-	for (struct table_entry *e = t->list; e != NULL; e = e->next) {
-		if (e->state == TABLE_RESIDENT && e->pins == 0 &&
-		    (oldest == NULL || e->turn < oldest->turn))
-			oldest = e;
-	}
-	if (oldest != NULL) {
-		*out = oldest;
-		*slot = oldest->slot;
-		oldest->state = TABLE_ABSENT;
-		forget(t, oldest);
+	entry = least_needed(t, claim);
+	if (entry != NULL) {
+		*out = entry;
+		*slot = entry->slot;
+		entry->state = TABLE_ABSENT;
+		if (claim_of(entry) > TABLE_SPARE)
+			want(t, entry);
+		forget(t, entry);
 	}
 	pthread_mutex_unlock(&t->lock);
-	return oldest != NULL;
+	return entry != NULL;
 }
 
 /* ---- for people ---- */

@@ -19,6 +19,17 @@
 struct tables;
 struct table_entry;
 
+/*
+ * How much a table is needed. One being loaded may displace those resident
+ * with a lesser claim; one displaced that is still asked for is built anew.
+ */
+enum table_claim {
+	TABLE_SPARE,    /* nobody waits for it */
+	TABLE_ASKED,    /* some evaluation does */
+	TABLE_RESERVED, /* the evaluation that has waited longest does */
+	TABLE_BUILTIN   /* a built-in one that has never been resident */
+};
+
 enum table_state {
 	TABLE_ABSENT,   /* nobody asks for it */
 	TABLE_WAITING,  /* for the builder */
@@ -71,16 +82,20 @@ enum err tables_acquire(struct tables *t, const struct operator *op,
 void tables_release(struct tables *t, struct table_entry *entry);
 
 /*
- * Asks for the tables of entries, and holds them resident once they are, until
- * tables_unpin.
+ * Asks for the tables of entries until as many calls of tables_unask. A table
+ * that is no longer asked for is not built; a resident one may stay.
  */
-void tables_pin(struct tables *t, struct table_entry *const *entries,
+void tables_ask(struct tables *t, struct table_entry *const *entries,
     size_t count);
-void tables_unpin(struct tables *t, struct table_entry *const *entries,
+void tables_unask(struct tables *t, struct table_entry *const *entries,
+    size_t count);
+
+/* Device thread: reserves what entries, asked for, have, and nothing else. */
+void tables_reserve(struct tables *t, struct table_entry *const *entries,
     size_t count);
 
 /*
- * Whether pinned entries are all resident, in *ready. An entry that failed
+ * Whether entries asked for are all resident, in *ready. An entry that failed
  * gives its error.
  */
 enum err tables_check(struct tables *t, struct table_entry *const *entries,
@@ -95,9 +110,12 @@ enum err tables_check_builtin(struct tables *t, bool *ready);
 /* Lets the measuring thread begin. */
 void tables_measure(struct tables *t);
 
-/* Device thread: an entry in TABLE_BUILT, and its table; or NULL. */
+/*
+ * Device thread: of the entries in TABLE_BUILT one with the largest claim, and
+ * its table; or NULL. The table stays while the device thread unasks nothing.
+ */
 struct table_entry *tables_next_built(struct tables *t,
-    const struct table **table);
+    const struct table **table, enum table_claim *claim);
 
 /* Device thread: that entry has been loaded to slot, or has failed. */
 void tables_loaded(struct tables *t, struct table_entry *entry, int slot);
@@ -107,10 +125,12 @@ void tables_failed(struct tables *t, struct table_entry *entry, enum err err);
 int tables_slot(const struct table_entry *entry);
 
 /*
- * Device thread: gives up the unpinned resident table that was used longest
- * ago. *out serves comparison only; the caller drops *slot. False: there is none.
+ * Device thread: gives up the resident table with the least claim below the
+ * given one; of several, that used longest ago. *out serves comparison only;
+ * the caller drops *slot. False: there is none.
  */
-bool tables_evict(struct tables *t, const struct table_entry **out, int *slot);
+bool tables_evict(struct tables *t, enum table_claim claim,
+    const struct table_entry **out, int *slot);
 
 /* Every table known, malloc'd. ERR_MEMORY. */
 enum err tables_report(struct tables *t, struct table_report **out,

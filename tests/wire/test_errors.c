@@ -131,6 +131,12 @@ static void test_400_unknown_query(void **state)
 		{NULL, "/v1/info?a=1", NULL, NULL, NULL, 400, "'a'", "none"},
 		{"POST", EVAL "?output=value", "{}", JSON, NULL, 400,
 		    "'output'", "outputs"},
+		{"POST", EVAL "?outputs=value&outputs=gradient", "{}", JSON,
+		    NULL, 400, "more than one", "outputs"},
+		{NULL, "/v1/scenes?limit&limit", NULL, NULL, NULL, 400,
+		    "more than one", "limit"},
+		{NULL, "/v1/scenes?after=a%00b", NULL, NULL, NULL, 400, "NUL",
+		    NULL},
 		{NULL, "/v1/scenes?limit=many", NULL, NULL, NULL, 400, "limit",
 		    NULL},
 	};
@@ -206,6 +212,38 @@ static void test_406_and_415(void **state)
 	check_all(state, list, COUNT(list));
 }
 
+/* What a web page may send anywhere without asking. */
+static void test_415_for_forms_and_bodies_without_a_type(void **state)
+{
+	static const struct wrong list[] = {
+		/* libcurl calls it a form, if nothing is said ... */
+		{"POST", EVAL, "{}", NULL, NULL, 415, "form-urlencoded",
+		    "--json, or add -H 'Content-Type: application/json'"},
+		{"POST", EVAL, "{}", "Content-Type: text/plain", NULL, 415,
+		    "'text/plain'; this resource takes application/json.",
+		    NULL},
+		{"POST", EVAL, "{}", "Content-Type: multipart/form-data", NULL,
+		    415, "takes application/json.", NULL},
+		/* ... ":" is none, ";" an empty one. */
+		{"POST", EVAL, "{}", "Content-Type:", NULL, 415,
+		    "no Content-Type", "takes application/json."},
+		{"POST", EVAL, "{}", "Content-Type;", NULL, 415,
+		    "no Content-Type", NULL},
+		{"POST", EVAL, "", "Content-Type:", NULL, 415,
+		    "no Content-Type", NULL},
+		{"POST", "/v1/scenes", POINT, "Content-Type:", NULL, 415,
+		    "no Content-Type", NULL},
+		{"PUT", "/v1/scenes/x", POINT, "Content-Type:", NULL, 415,
+		    "no Content-Type", NULL},
+		{"POST", "/v1/scenes/here/eval", "{\"points\":[]}",
+		    "Content-Type:", NULL, 415, "no Content-Type",
+		    "takes application/json, application/octet-stream, "
+		    "application/x-npy."},
+	};
+
+	check_all(state, list, COUNT(list));
+}
+
 static void test_412_preconditions(void **state)
 {
 	static const struct wrong list[] = {
@@ -270,6 +308,9 @@ static void test_422_wrong_points_and_outputs(void **state)
 		    "value", NULL},
 		{"POST", EVAL, "{\"scene\":" POINT ",\"points\":[],"
 		    "\"extra\":1}", JSON, NULL, 422, "/extra", NULL},
+		{"POST", EVAL, "{\"points\":[[0,1e39,0]],\"scene\":"
+		    "{\"format\":\"blobfield/1\",\"root\":{}}}", JSON, NULL,
+		    422, "\"/points/0/1\"", "\"/scene/root\""},
 	};
 
 	check_all(state, list, COUNT(list));
@@ -301,6 +342,38 @@ static void test_limits_are_the_configured_ones(void **state)
 	memset(large, ' ', sizeof large);
 	large[sizeof large - 1] = '\0';
 	check_one(d.url, &too_large);
+	assert_int_equal(daemon_stop(&d, 15), 0);
+}
+
+static void test_422_names_the_operators_that_table_memory_cannot_hold(
+    void **state)
+{
+	static const char *const arguments[] = {"--no-measure",
+	    "--table-memory", "30M", NULL};
+#define UNION(operator) "\"root\":{\"type\":\"union\",\"operator\":" \
+	operator ",\"children\":[{\"type\":\"point\",\"center\":[0,0,0]," \
+	"\"radius\":1},{\"type\":\"point\",\"center\":[1,0,0]," \
+	"\"radius\":1}]}}"
+#define FINE "{\"resolution\":128}" /* 101 MB */
+#define NAMED "{\"format\":\"blobfield/1\",\"operators\":{\"fine\":" FINE \
+	"}," UNION("\"fine\"")
+	static const struct wrong list[] = {
+		{"PUT", "/v1/scenes/x", NAMED, JSON, NULL, 422,
+		    "\"pointer\":\"/operators\"", "31457280 bytes that "
+		    "--table-memory gives"},
+		{"POST", EVAL, "{\"scene\":" NAMED ",\"points\":[]}", JSON,
+		    NULL, 422, "\"pointer\":\"/scene/operators\"",
+		    "/problems/limit"},
+		{"PUT", "/v1/scenes/x", "{\"format\":\"blobfield/1\","
+		    UNION(FINE), JSON, NULL, 422, "\"pointer\":\"\"",
+		    "--table-memory"},
+	};
+	struct daemon d;
+
+	(void)state;
+	daemon_start(&d, arguments);
+	for (size_t i = 0; i < COUNT(list); i++)
+		check_one(d.url, &list[i]);
 	assert_int_equal(daemon_stop(&d, 15), 0);
 }
 
@@ -386,10 +459,13 @@ int main(void)
 		cmocka_unit_test(test_404_unknown_things),
 		cmocka_unit_test(test_405_with_allow),
 		cmocka_unit_test(test_406_and_415),
+		cmocka_unit_test(test_415_for_forms_and_bodies_without_a_type),
 		cmocka_unit_test(test_412_preconditions),
 		cmocka_unit_test(test_422_wrong_documents),
 		cmocka_unit_test(test_422_wrong_points_and_outputs),
 		cmocka_unit_test(test_limits_are_the_configured_ones),
+		cmocka_unit_test(
+		    test_422_names_the_operators_that_table_memory_cannot_hold),
 		cmocka_unit_test(test_bad_flags_exit_with_2),
 		cmocka_unit_test(test_help_version_and_devices_exit_with_0),
 		cmocka_unit_test(test_no_such_device_exits_with_1),

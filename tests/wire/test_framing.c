@@ -7,10 +7,14 @@
 #include <stdint.h>
 #include <cmocka.h>
 
+#include <dirent.h>
+#include <errno.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <sys/time.h>
 #include <unistd.h>
 
 #include "tests/support/daemon.h"
@@ -102,14 +106,44 @@ static void test_unknown_transfer_encoding(void **state)
 	    "Transfer-Encoding: gzip\r\n\r\n", 501, "chunked");
 }
 
+/* Whether the server closes the connection within 5 s of text. */
+static bool closes_after(void **state, const char *text)
+{
+	const struct timeval patience = {.tv_sec = 5};
+	const struct daemon *d = *state;
+	int fd = http_connect(d->port);
+	char reply[4096];
+	bool closed;
+	ssize_t n;
+
+	setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+	send(fd, text, strlen(text), MSG_NOSIGNAL);
+	do
+		n = recv(fd, reply, sizeof reply, 0);
+	while (n > 0);
+	/* What it has not read makes it a reset. */
+	closed = n == 0 || errno == ECONNRESET;
+	close(fd);
+	return closed;
+}
+
+/* libmicrohttpd's own page, its head twice; nothing behind is taken for a
+ * request. */
 static void test_content_length_that_is_no_number(void **state)
 {
-	char reply[4096];
+	static const char *const lengths[] = {"many", "-2", "2x", "", "0x2"};
+	char text[512], reply[4096];
 
-	assert_int_equal(send_text(state, POST_EVAL HOST TYPE
-	    "Content-Length: many\r\n\r\n{}", reply, sizeof reply), 400);
-	assert_int_equal(send_text(state, POST_EVAL HOST TYPE
-	    "Content-Length: -2\r\n\r\n{}", reply, sizeof reply), 400);
+	for (size_t i = 0; i < sizeof lengths / sizeof *lengths; i++) {
+		snprintf(text, sizeof text, POST_EVAL HOST TYPE
+		    "Content-Length: %s\r\n\r\nGET /healthz HTTP/1.1\r\n"
+		    HOST "\r\n", lengths[i]);
+		assert_int_equal(send_text(state, text, reply, sizeof reply),
+		    400);
+		assert_non_null(strstr(reply, "Connection: close"));
+		assert_null(strstr(reply, "200 OK"));
+		assert_true(closes_after(state, text));
+	}
 	assert_alive(state);
 }
 
@@ -169,6 +203,69 @@ static void test_half_a_body(void **state)
 		close(fd);
 	}
 	assert_alive(state);
+}
+
+static int count_descriptors(const struct daemon *d)
+{
+	char path[64];
+	DIR *folder;
+	int count = 0;
+
+	snprintf(path, sizeof path, "/proc/%d/fd", (int)d->pid);
+	folder = opendir(path);
+	assert_non_null(folder);
+	while (readdir(folder) != NULL)
+		count++;
+	closedir(folder);
+	return count;
+}
+
+/* The last bytes and the end of the stream come together. */
+static void test_uploads_hung_up_are_closed_soon(void **state)
+{
+	static const char text[] = POST_EVAL HOST TYPE
+	    "Content-Length: 60000000\r\n\r\n{";
+	const struct daemon *d = *state;
+	int before;
+
+	/* Those of the tests before go first. */
+	usleep(2500000);
+	before = count_descriptors(d);
+	for (int i = 0; i < 50; i++) {
+		int fd = http_connect(d->port);
+
+		assert_true(send(fd, text, sizeof text - 1, MSG_NOSIGNAL) > 0);
+		close(fd);
+	}
+	/* Two looks, a second apart. */
+	for (int i = 0; i < 30 && count_descriptors(d) > before; i++)
+		usleep(100000);
+	assert_true(count_descriptors(d) <= before);
+	assert_alive(state);
+}
+
+/* Complete requests are answered though the client has ended its side. */
+static void test_half_closed_get_is_answered(void **state)
+{
+	static const char text[] = "GET /healthz HTTP/1.1\r\n" HOST "\r\n"
+	    "GET /nowhere HTTP/1.1\r\n" HOST "\r\n";
+	const struct timeval patience = {.tv_sec = 5};
+	const struct daemon *d = *state;
+	int fd = http_connect(d->port);
+	char reply[4096];
+	size_t got = 0;
+	ssize_t n;
+
+	setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+	send(fd, text, sizeof text - 1, MSG_NOSIGNAL);
+	shutdown(fd, SHUT_WR);
+	while ((n = recv(fd, reply + got, sizeof reply - 1 - got, 0)) > 0)
+		got += (size_t)n;
+	reply[got] = '\0';
+	close(fd);
+	assert_int_equal(n, 0);
+	assert_non_null(strstr(reply, "HTTP/1.1 200"));
+	assert_non_null(strstr(reply, "HTTP/1.1 404"));
 }
 
 static void test_promised_gigabytes_take_no_memory(void **state)
@@ -278,6 +375,89 @@ static void test_pipelined_requests_are_answered_in_order(void **state)
 	assert_true(first < second);
 }
 
+/* Without a body to skip, the connection goes on. */
+static void test_refused_requests_without_body_keep_the_connection(
+    void **state)
+{
+	static const char *const first[] = {
+		"GET /nowhere HTTP/1.1\r\n",
+		"DELETE /v1/info HTTP/1.1\r\n",
+		"GET /v1/info?a=1 HTTP/1.1\r\n",
+		"OPTIONS /v1/info HTTP/1.1\r\n",
+	};
+	char text[512], reply[4096];
+
+	for (size_t i = 0; i < sizeof first / sizeof *first; i++) {
+		snprintf(text, sizeof text, "%s" HOST "\r\n"
+		    "GET /healthz HTTP/1.1\r\n" HOST
+		    "Connection: close\r\n\r\n", first[i]);
+		assert_true(send_text(state, text, reply, sizeof reply) !=
+		    200);
+		if (strstr(reply, "HTTP/1.1 200") == NULL)
+			fail_msg("only one answer: %s", reply);
+	}
+}
+
+/* One with a body is refused unread, and nothing of it taken for a request. */
+static void test_refused_requests_with_body_close(void **state)
+{
+	char reply[4096];
+
+	assert_int_equal(send_text(state, "POST /nowhere HTTP/1.1\r\n" HOST
+	    "Content-Length: 40\r\n\r\nGET /healthz HTTP/1.1\r\n" HOST
+	    "\r\n", reply, sizeof reply), 404);
+	assert_non_null(strstr(reply, "Connection: close"));
+	assert_null(strstr(reply, "HTTP/1.1 200"));
+}
+
+static void test_absolute_form(void **state)
+{
+	char reply[4096];
+
+	assert_int_equal(send_text(state, "GET http://localhost/healthz "
+	    "HTTP/1.1\r\n" HOST "Connection: close\r\n\r\n", reply,
+	    sizeof reply), 200);
+	assert_int_equal(send_text(state, "GET HTTP://localhost:1?a=1 "
+	    "HTTP/1.1\r\n" HOST "Connection: close\r\n\r\n", reply,
+	    sizeof reply), 400);
+	assert_int_equal(send_text(state, "GET http://localhost HTTP/1.1\r\n"
+	    HOST "Connection: close\r\n\r\n", reply, sizeof reply), 200);
+	assert_non_null(strstr(reply, "endpoints"));
+	assert_int_equal(send_text(state, "GET ftp://localhost/healthz "
+	    "HTTP/1.1\r\n" HOST "Connection: close\r\n\r\n", reply,
+	    sizeof reply), 404);
+}
+
+static void test_options_of_everything(void **state)
+{
+	char reply[4096];
+
+	assert_int_equal(send_text(state, "OPTIONS * HTTP/1.1\r\n" HOST
+	    "Connection: close\r\n\r\n", reply, sizeof reply), 204);
+	assert_non_null(strstr(reply, "Allow: GET, HEAD, POST, PUT, DELETE"));
+	assert_int_equal(send_text(state, "GET * HTTP/1.1\r\n" HOST
+	    "Connection: close\r\n\r\n", reply, sizeof reply), 404);
+}
+
+static void test_nul_bytes_in_the_request_line(void **state)
+{
+	static const char path[] = "DELETE /v1/scenes/a\0b HTTP/1.1\r\n" HOST
+	    "Connection: close\r\n\r\n";
+	static const char query[] = "GET /v1/info?\0a=1 HTTP/1.1\r\n" HOST
+	    "Connection: close\r\n\r\n";
+	const struct daemon *d = *state;
+	char reply[4096];
+
+	assert_int_equal(http_raw(d->port, path, sizeof path - 1, reply,
+	    sizeof reply), 400);
+	assert_non_null(strstr(reply, "NUL"));
+	assert_int_equal(http_raw(d->port, query, sizeof query - 1, reply,
+	    sizeof reply), 400);
+	/* More blanks than need be are not one. */
+	assert_int_equal(send_text(state, "GET  /healthz HTTP/1.1\r\n" HOST
+	    "Connection: close\r\n\r\n", reply, sizeof reply), 200);
+}
+
 /* A body for an evaluation that takes a while. */
 static char *make_large(size_t *length)
 {
@@ -367,12 +547,20 @@ int main(void)
 		cmocka_unit_test(test_huge_head_is_refused),
 		cmocka_unit_test(test_garbage),
 		cmocka_unit_test(test_half_a_body),
+		cmocka_unit_test(test_uploads_hung_up_are_closed_soon),
+		cmocka_unit_test(test_half_closed_get_is_answered),
 		cmocka_unit_test(test_promised_gigabytes_take_no_memory),
 		cmocka_unit_test(test_expect_100_continue),
 		cmocka_unit_test(
 		    test_expect_100_with_too_much_gets_413_at_once),
 		cmocka_unit_test(test_chunked_body_over_the_limit),
 		cmocka_unit_test(test_pipelined_requests_are_answered_in_order),
+		cmocka_unit_test(
+		    test_refused_requests_without_body_keep_the_connection),
+		cmocka_unit_test(test_refused_requests_with_body_close),
+		cmocka_unit_test(test_absolute_form),
+		cmocka_unit_test(test_options_of_everything),
+		cmocka_unit_test(test_nul_bytes_in_the_request_line),
 		cmocka_unit_test(test_hang_up_during_evaluation),
 	};
 

@@ -191,6 +191,9 @@ static void test_get_answers_304_for_a_known_tag(void **state)
 	assert_int_equal(reply.length, 0);
 	assert_string_equal(http_header(&reply, "ETag", again, sizeof again),
 	    tag);
+	/* RFC 9110 section 8.6: that of 200, or none. */
+	http_header(&reply, "Content-Length", again, sizeof again);
+	assert_int_equal(atoi(again), (int)strlen(small));
 	http_reply_fini(&reply);
 	snprintf(condition, sizeof condition, "If-None-Match: W/%s", tag);
 	assert_status(d->url, NULL, "/v1/scenes/g", condition, 304);
@@ -282,13 +285,17 @@ static void test_list_is_sorted_and_paged(void **state)
 static void test_ids_are_checked(void **state)
 {
 	const struct daemon *d = *state;
-	char path[128] = "/v1/scenes/", tag[TAG_MAX];
+	char path[256] = "/v1/scenes/", tag[TAG_MAX];
 
 	for (int i = 0; i < 64; i++)
 		strcat(path, "a");
 	assert_int_equal(put(d->url, path, small, NULL, tag), 201);
 	strcat(path, "a");
 	assert_int_equal(put(d->url, path, small, NULL, tag), 422);
+	for (int i = 65; i < 129; i++)
+		strcat(path, "a");
+	assert_int_equal(put(d->url, path, small, NULL, tag), 422);
+	assert_status(d->url, NULL, path, NULL, 404);
 	assert_int_equal(put(d->url, "/v1/scenes/a%20b", small, NULL, tag),
 	    422);
 	assert_int_equal(put(d->url, "/v1/scenes/%2e%2e", small, NULL, tag),
@@ -319,6 +326,43 @@ static void test_a_full_store_answers_507(void **state)
 	assert_int_equal(daemon_stop(&d, 15), 0);
 }
 
+/* Padded to so many bytes. */
+static char *make_padded(size_t length)
+{
+	char *text = malloc(length + 1);
+
+	memset(text, ' ', length);
+	memcpy(text, small, strlen(small));
+	text[length] = '\0';
+	return text;
+}
+
+static void test_a_store_out_of_memory_answers_507(void **state)
+{
+	static const char *const arguments[] = {"--scene-memory", "64k",
+	    "--no-measure", NULL};
+	char *half = make_padded(30000), *whole = make_padded(65536);
+	struct daemon d;
+	char tag[TAG_MAX];
+
+	(void)state;
+	daemon_start(&d, arguments);
+	assert_int_equal(put(d.url, "/v1/scenes/a", half, NULL, tag), 201);
+	assert_int_equal(put(d.url, "/v1/scenes/b", half, NULL, tag), 201);
+	assert_int_equal(put(d.url, "/v1/scenes/c", half, NULL, tag), 507);
+	assert_int_equal(put(d.url, "/v1/scenes/a", whole, NULL, tag), 507);
+	/* Replaced and deleted ones give their bytes back. */
+	assert_int_equal(put(d.url, "/v1/scenes/a", half, NULL, tag), 200);
+	assert_int_equal(put(d.url, "/v1/scenes/a", small, NULL, tag), 200);
+	assert_int_equal(put(d.url, "/v1/scenes/c", half, NULL, tag), 201);
+	assert_int_equal(put(d.url, "/v1/scenes/a", half, NULL, tag), 507);
+	assert_status(d.url, "DELETE", "/v1/scenes/c", NULL, 204);
+	assert_int_equal(put(d.url, "/v1/scenes/a", half, NULL, tag), 200);
+	free(half);
+	free(whole);
+	assert_int_equal(daemon_stop(&d, 15), 0);
+}
+
 static cJSON *get_json(const char *url, const char *path)
 {
 	struct http_reply reply;
@@ -345,6 +389,8 @@ static void test_info_names_device_and_limits(void **state)
 	    "max_body")), 64.0 * 1024 * 1024, 0.0);
 	assert_near(cJSON_GetNumberValue(cJSON_GetObjectItem(limits,
 	    "max_points")), 4e6, 0.0);
+	assert_near(cJSON_GetNumberValue(cJSON_GetObjectItem(limits,
+	    "scene_memory")), 1024.0 * 1024 * 1024, 0.0);
 	cJSON_Delete(json);
 }
 
@@ -388,6 +434,59 @@ static void test_one_operator_is_answered_by_name(void **state)
 		cJSON_Delete(json);
 	}
 	assert_status(d->url, NULL, "/v1/operators/camels", NULL, 404);
+}
+
+/* The profile of the table of samples there is, NULL if there is none, and
+ * how many tables there are in *count; detached. */
+static cJSON *sampled_profile(const char *url, int *count)
+{
+	cJSON *json = get_json(url, "/v1/operators"), *profile = NULL, *table;
+	cJSON *tables = cJSON_GetObjectItem(json, "tables");
+
+	*count = cJSON_GetArraySize(tables);
+	cJSON_ArrayForEach(table, tables) {
+		if (strcmp(cJSON_GetStringValue(cJSON_GetObjectItem(
+		    cJSON_GetObjectItem(table, "profile"), "type")),
+		    "samples") == 0)
+			profile = cJSON_DetachItemFromObject(table, "profile");
+	}
+	cJSON_Delete(json);
+	return profile;
+}
+
+/* Keeps a scene whose operator has profile. */
+static void keep_with_profile(const char *url, const char *path,
+    const char *profile)
+{
+	char text[1024], tag[TAG_MAX];
+
+	snprintf(text, sizeof text, "{\"format\":\"blobfield/1\",\"root\":"
+	    "{\"type\":\"union\",\"operator\":{\"resolution\":8,"
+	    "\"profile\":%s},\"children\":[{\"type\":\"point\",\"center\":"
+	    "[0,0,0],\"radius\":1},{\"type\":\"point\",\"center\":[1,0,0],"
+	    "\"radius\":1}]}}", profile);
+	assert_int_equal(put(url, path, text, NULL, tag), 201);
+}
+
+static void test_samples_are_listed_as_documents_take_them(void **state)
+{
+	static const char given[] = "{\"type\":\"samples\",\"points\":"
+	    "[[0,1],[0.5,0.95],[0.8,0.8]]}";
+	const struct daemon *d = *state;
+	int before, after;
+	cJSON *profile;
+	char *text;
+
+	keep_with_profile(d->url, "/v1/scenes/samples-1", given);
+	profile = sampled_profile(d->url, &before);
+	assert_non_null(profile);
+	text = cJSON_PrintUnformatted(profile);
+	assert_string_equal(text, given);
+	keep_with_profile(d->url, "/v1/scenes/samples-2", text);
+	cJSON_Delete(sampled_profile(d->url, &after));
+	assert_int_equal(after, before);
+	cJSON_free(text);
+	cJSON_Delete(profile);
 }
 
 /* The first table's mean error in g, or -1 while there is none. */
@@ -439,9 +538,12 @@ int main(void)
 		cmocka_unit_test(test_list_is_sorted_and_paged),
 		cmocka_unit_test(test_ids_are_checked),
 		cmocka_unit_test(test_a_full_store_answers_507),
+		cmocka_unit_test(test_a_store_out_of_memory_answers_507),
 		cmocka_unit_test(test_info_names_device_and_limits),
 		cmocka_unit_test(test_operators_are_listed_with_their_tables),
 		cmocka_unit_test(test_one_operator_is_answered_by_name),
+		cmocka_unit_test(
+		    test_samples_are_listed_as_documents_take_them),
 		cmocka_unit_test(
 		    test_table_errors_are_measured_in_the_background),
 	};

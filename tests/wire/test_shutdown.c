@@ -132,6 +132,15 @@ static void test_sigint_is_as_good(void **state)
 	assert_int_equal(daemon_stop(&d, SIGINT), 0);
 }
 
+static void test_sighup_is_as_good(void **state)
+{
+	struct daemon d;
+
+	(void)state;
+	daemon_start(&d, no_measure);
+	assert_int_equal(daemon_stop(&d, SIGHUP), 0);
+}
+
 static void test_stopping_before_ready(void **state)
 {
 	struct daemon d;
@@ -269,7 +278,25 @@ static void test_draining_answers_503_over_old_connections(void **state)
 	assert_int_equal(daemon_stop(&d, 0), 0);
 }
 
-static void test_a_second_signal_ends_it_at_once(void **state)
+/* As supervisors and terminals do. */
+static void test_a_signal_sent_twice_counts_once(void **state)
+{
+	struct slow running;
+	struct daemon d;
+
+	(void)state;
+	daemon_start(&d, no_measure);
+	daemon_await_ready(&d);
+	put_scene(d.url);
+	slow_start(&running, d.url, 1000000);
+	await_queue(d.url, 0, 1);
+	kill(d.pid, SIGTERM);
+	usleep(100000);
+	assert_int_equal(daemon_stop(&d, SIGTERM), 0);
+	assert_int_equal(slow_finish(&running), 200);
+}
+
+static void test_a_later_signal_ends_it_at_once(void **state)
 {
 	struct slow running;
 	struct daemon d;
@@ -281,7 +308,7 @@ static void test_a_second_signal_ends_it_at_once(void **state)
 	slow_start(&running, d.url, 4000000);
 	await_queue(d.url, 0, 1);
 	kill(d.pid, SIGTERM);
-	usleep(100000);
+	usleep(1200000);
 	assert_int_equal(daemon_stop(&d, SIGTERM), 1);
 	assert_int_equal(slow_finish(&running), 0);
 }
@@ -314,6 +341,34 @@ static void test_a_full_queue_answers_503_and_when_to_retry(void **state)
 	http_json(d.url, NULL, "/v1/eval", small, &reply);
 	http_reply_fini(&reply);
 	assert_int_equal(reply.status, 200);
+	assert_int_equal(daemon_stop(&d, SIGTERM), 0);
+}
+
+/* ... also while another evaluation runs for long. */
+static void test_who_hangs_up_frees_the_place_in_the_queue(void **state)
+{
+	static const char *const arguments[] = {"--no-measure", "--queue", "1",
+	    NULL};
+	char eval[1024];
+	struct slow running;
+	struct daemon d;
+	int fd;
+
+	(void)state;
+	snprintf(eval, sizeof eval, "POST /v1/eval HTTP/1.1\r\nHost: h\r\n"
+	    "Content-Type: application/json\r\nContent-Length: %zu\r\n\r\n%s",
+	    strlen(small), small);
+	daemon_start(&d, arguments);
+	daemon_await_ready(&d);
+	put_scene(d.url);
+	slow_start(&running, d.url, 2000000);
+	await_queue(d.url, 0, 1);
+	fd = http_connect(d.port);
+	assert_true(send(fd, eval, strlen(eval), MSG_NOSIGNAL) > 0);
+	await_queue(d.url, 1, 1);
+	close(fd);
+	await_queue(d.url, 0, 1);
+	assert_int_equal(slow_finish(&running), 200);
 	assert_int_equal(daemon_stop(&d, SIGTERM), 0);
 }
 
@@ -357,11 +412,40 @@ static void test_tables_that_never_fit_are_said_so_at_start(void **state)
 	assert_non_null(strstr(output, "operator table"));
 }
 
+static void test_a_device_that_is_not_there_is_said_before_listening(
+    void **state)
+{
+	static const char *const arguments[] = {"--listen", "127.0.0.1:0",
+	    "--device", "nonsense", NULL};
+	char output[4096];
+
+	(void)state;
+	assert_int_equal(daemon_run(arguments, output, sizeof output), 1);
+	assert_null(strstr(output, "listening"));
+	assert_non_null(strstr(output, "nonsense"));
+}
+
+static void test_a_port_in_use_is_said_before_listening(void **state)
+{
+	char address[32], output[4096];
+	const char *const arguments[] = {"--listen", address, NULL};
+	struct daemon d;
+
+	(void)state;
+	daemon_start(&d, no_measure);
+	snprintf(address, sizeof address, "127.0.0.1:%d", d.port);
+	assert_int_equal(daemon_run(arguments, output, sizeof output), 1);
+	assert_null(strstr(output, "listening"));
+	assert_non_null(strstr(output, "cannot listen"));
+	assert_int_equal(daemon_stop(&d, SIGTERM), 0);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_an_idle_daemon_stops_with_0),
 		cmocka_unit_test(test_sigint_is_as_good),
+		cmocka_unit_test(test_sighup_is_as_good),
 		cmocka_unit_test(test_stopping_before_ready),
 		cmocka_unit_test(test_stopping_while_measuring),
 		cmocka_unit_test(test_evaluations_before_ready_wait),
@@ -370,12 +454,19 @@ int main(void)
 		cmocka_unit_test(test_sigterm_waits_for_a_slow_reader),
 		cmocka_unit_test(
 		    test_draining_answers_503_over_old_connections),
-		cmocka_unit_test(test_a_second_signal_ends_it_at_once),
+		cmocka_unit_test(test_a_signal_sent_twice_counts_once),
+		cmocka_unit_test(test_a_later_signal_ends_it_at_once),
 		cmocka_unit_test(
 		    test_a_full_queue_answers_503_and_when_to_retry),
+		cmocka_unit_test(
+		    test_who_hangs_up_frees_the_place_in_the_queue),
 		cmocka_unit_test(test_tables_take_turns_in_little_memory),
 		cmocka_unit_test(
 		    test_tables_that_never_fit_are_said_so_at_start),
+		cmocka_unit_test(
+		    test_a_device_that_is_not_there_is_said_before_listening),
+		cmocka_unit_test(
+		    test_a_port_in_use_is_said_before_listening),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
