@@ -53,8 +53,10 @@ CL := $(addprefix core/,opcode.h output.h descriptor.h curve.h table_shape.h) \
 	$(addprefix kernels/,prelude.cl primitive.cl curve.cl fetch.cl \
 	table.cl compose.cl interpreter.cl)
 
-export TSAN_OPTIONS ?= halt_on_error=1
-export UBSAN_OPTIONS ?= print_stacktrace=1
+# Their exit status is none that the daemon or cmocka ends with.
+export ASAN_OPTIONS ?= exitcode=66
+export TSAN_OPTIONS ?= halt_on_error=1:exitcode=66
+export UBSAN_OPTIONS ?= print_stacktrace=1:exitcode=66
 export BLOBFIELDD ?= $(B)/blobfieldd
 
 .PHONY: all
@@ -121,8 +123,9 @@ define install_packages
 	[ -z "$$missing" ] || { \
 		echo "installing:" $$missing; \
 		[ "$$(id -u)" = 0 ] && as= || as=sudo; \
-		$$as apt-get update -q && DEBIAN_FRONTEND=noninteractive \
-		$$as apt-get install -y -q --no-install-recommends $$missing; }
+		$$as apt-get update -q && \
+		$$as env DEBIAN_FRONTEND=noninteractive \
+		apt-get install -y -q --no-install-recommends $$missing; }
 endef
 
 .PHONY: packages-run packages-test packages-fuzz
@@ -189,18 +192,21 @@ build/fuzz/%: tests/fuzz/%.c $(wildcard core/*.[ch] proto/*.[ch])
 
 # --- the rest ---------------------------------------------------------------
 
+# What the README's links lead to, at the same places below it.
+DOCS := README.md LICENSE CHANGELOG.md core/README.md proto/README.md \
+	proto/document.schema.json
+
 .PHONY: install
 install: $(B)/blobfieldd
 	install -D -m 755 $(B)/blobfieldd $(DESTDIR)$(PREFIX)/bin/blobfieldd
-	install -D -m 644 README.md $(DESTDIR)$(PREFIX)/share/doc/blobfield/README.md
-	install -D -m 644 proto/document.schema.json \
-	    $(DESTDIR)$(PREFIX)/share/blobfield/document.schema.json
+	for f in $(DOCS); do \
+		install -D -m 644 $$f $(DESTDIR)$(PREFIX)/share/doc/blobfield/$$f; \
+	done
 
 .PHONY: uninstall
 uninstall:
 	rm -f $(DESTDIR)$(PREFIX)/bin/blobfieldd
-	rm -rf $(DESTDIR)$(PREFIX)/share/doc/blobfield \
-	    $(DESTDIR)$(PREFIX)/share/blobfield
+	rm -rf $(DESTDIR)$(PREFIX)/share/doc/blobfield
 
 .PHONY: clean
 clean:

@@ -140,14 +140,31 @@ static enum err warm_up(struct device *d)
 	return err;
 }
 
-static enum err open_device(struct device *d,
+static enum err select_device(struct device *d,
     const struct device_options *options)
 {
 	enum err err = device_select(options->select, &d->id, &d->info,
 	    &d->failure);
 
-	if (!err)
-		err = choose(d, options);
+	return err ? err : choose(d, options);
+}
+
+enum err device_check(const struct device_options *options,
+    struct device_failure *failure)
+{
+	struct device d = {0};
+	enum err err = select_device(&d, options);
+
+	device_failure_fini(failure);
+	*failure = d.failure;
+	return err;
+}
+
+static enum err open_device(struct device *d,
+    const struct device_options *options)
+{
+	enum err err = select_device(d, options);
+
 	if (!err)
 		err = create_queue(d);
 	if (!err)

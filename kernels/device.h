@@ -63,6 +63,13 @@ enum err device_list(void (*each)(void *ctx, int index,
     const struct device_info *info), void *ctx, struct device_failure *failure);
 
 /*
+ * Whether device_open would find its device, and the device have what options
+ * ask for: the errors of device_open before anything is built.
+ */
+enum err device_check(const struct device_options *options,
+    struct device_failure *failure);
+
+/*
  * Opens a device, builds the kernels and launches each once, so that nothing
  * compiles later. ERR_NOT_FOUND, ERR_DEVICE, ERR_DEVICE_BUILD (with the log),
  * ERR_MEMORY; ERR_INVALID: a width that is none, or images where there are

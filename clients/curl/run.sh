@@ -13,7 +13,13 @@ here=$(dirname "$0")
 work=$(mktemp -d)
 "$@" >"$work/out" &
 daemon=$!
-trap 'rm -rf "$work"; kill -TERM "$daemon" 2>/dev/null || :' EXIT
+# A terminal's interrupt reaches the daemon too, which finishes what runs.
+finish() {
+	kill -TERM "$daemon" 2>/dev/null || :
+	wait "$daemon" || :
+	rm -rf "$work"
+}
+trap finish EXIT
 trap 'exit 130' INT
 trap 'exit 143' TERM
 
@@ -28,6 +34,14 @@ done
 url=$(sed -n 's/^blobfieldd listening on //p;q' "$work/out")
 echo "blobfieldd listening on $url"
 
+# Ready once its device is open and its tables are built, or gone.
+until curl -sf --noproxy '*' -o /dev/null "$url/readyz"; do
+	if ! kill -0 "$daemon" 2>/dev/null; then
+		wait "$daemon" || exit $?
+		exit 1
+	fi
+	sleep 0.1
+done
 BLOBFIELD_URL=$url "$here/example.sh"
 if [ -n "$once" ]; then
 	kill -TERM "$daemon"
