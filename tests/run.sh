@@ -1,8 +1,9 @@
 #!/bin/sh
 # Runs cmocka programs, shows what failed, and counts cases:
 #   tests/run.sh PROGRAM...
-# The last line is "N passed, N failed, N skipped"; the exit status is 0 if none
-# failed. A case that skips itself says why in a line "skipped: WHY".
+# The last line is "N passed, N failed", and ", N skipped" if any were; the exit
+# status is 0 if none failed. A case that skips itself says why in a line
+# "skipped: WHY".
 passed=0
 failed=0
 skipped=0
@@ -36,5 +37,7 @@ for program in "$@"; do
 	sed -n -e 's/^measured: /         /p' -e 's/^skipped: /         &/p' "$log"
 	[ "$bad" -eq 0 ] || sed 's/^/    /' "$log"
 done
-printf '%d passed, %d failed, %d skipped\n' "$passed" "$failed" "$skipped"
+printf '%d passed, %d failed' "$passed" "$failed"
+[ "$skipped" -eq 0 ] || printf ', %d skipped' "$skipped"
+echo
 [ "$failed" -eq 0 ]
