@@ -107,9 +107,10 @@ static inline struct vec3r load_points(__global const float *points)
 }
 
 /*
- * Every number written is finite, by a last clamp to +-FLT_MAX, which would make
- * NaN -FLT_MAX; the limits of jets should leave it nothing to do. Nor is it -0,
- * whose sign could tell which points shared a work-item.
+ * Every number written is finite, by a last clamp to +-FLT_MAX. The limits of
+ * jets leave it little to do: Hessians of models at scales near 1e-9, with a
+ * bulge's fold, may reach it. Nor is any number -0, whose sign could tell which
+ * points shared a work-item.
  */
 static inline real finite(real x)
 {

@@ -374,7 +374,7 @@ static void test_adversarial_million_points_are_finite(void **state)
 	assert_true(t.numbers >= 1000000u * ROW);
 	assert_int_equal(t.broken, 0);
 	assert_int_equal(t.negative, 0);
-	/* The last clamp of all should never be needed. */
+	/* The last clamp of all is not needed for any of these. */
 	assert_int_equal(t.extreme, 0);
 }
 
