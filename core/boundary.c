@@ -7,15 +7,13 @@
 
 /*
  * (x, 1 - eta(x)) is symmetric about the diagonal, so that phi(2 - u) =
- * 1 - eta(phi(u)): only u <= 1 is solved, where phi <= DIAGONAL and eta' <= 1.
+ * 1 - eta(phi(u)): only u <= 1 is solved, where phi <= phi(1) and eta' <= 1.
  * eta is convex there; Newton's steps from the right descend to the root
  * without passing it.
  */
-#define DIAGONAL 0.80627872039391879 /* phi(1) */
-
 static double phi_lower(double u, double eta[static 3])
 {
-	double x = u < DIAGONAL ? u : DIAGONAL, step;
+	double x = u < PROFILE_DIAGONAL ? u : PROFILE_DIAGONAL, step;
 
 	for (int i = 0; i < 30; i++) {
 		profile_eta(x, eta);

@@ -24,9 +24,6 @@
 
 #define QUARTER_PI 0.78539816339744830962
 
-/* phi(1) = 1 - eta(phi(1)): the smooth silhouette's point on the diagonal. */
-#define DIAGONAL 0.80627872039391879
-
 /* Fields below this are not blended: it changes g by no more than this, and
  * g'', which grows as 1/f, stays finite. */
 #define FIELD_MIN 1e-20
@@ -163,7 +160,7 @@ static void solve(const struct problem *p, enum arc arc, double inside,
 /* phi(1): the arcs in t and s meet where u = 1. */
 static double at_most_diagonal(double u)
 {
-	return u < DIAGONAL ? u : DIAGONAL;
+	return u < PROFILE_DIAGONAL ? u : PROFILE_DIAGONAL;
 }
 
 /*
@@ -174,11 +171,11 @@ static double at_most_diagonal(double u)
 static void solve_union_curved(const struct problem *p, double u_near,
     struct root *out)
 {
-	if (u_near < 1.0 && residual_at(p, ARC_T, DIAGONAL) <= 0.0)
-		solve(p, ARC_T, ARC_START, DIAGONAL,
+	if (u_near < 1.0 && residual_at(p, ARC_T, PROFILE_DIAGONAL) <= 0.0)
+		solve(p, ARC_T, ARC_START, PROFILE_DIAGONAL,
 		    at_most_diagonal(fmax(u_near, ARC_START)), out);
 	else
-		solve(p, ARC_S, DIAGONAL, ARC_START,
+		solve(p, ARC_S, PROFILE_DIAGONAL, ARC_START,
 		    at_most_diagonal(2.0 - u_near), out);
 }
 
@@ -204,15 +201,15 @@ static void solve_intersection(const struct problem *p, struct root *out)
 	double t_far = p->far / (1.0 - p->T / 2), eta[3];
 	double u_near = fmin(4.0 * p->near, 2.0), outside;
 
-	if (t_far < DIAGONAL && (u_near <= 1.0 ||
-	    residual_at(p, ARC_T, DIAGONAL) >= 0.0)) {
-		solve(p, ARC_T, DIAGONAL, t_far,
+	if (t_far < PROFILE_DIAGONAL && (u_near <= 1.0 ||
+	    residual_at(p, ARC_T, PROFILE_DIAGONAL) >= 0.0)) {
+		solve(p, ARC_T, PROFILE_DIAGONAL, t_far,
 		    at_most_diagonal(fmax(u_near, t_far)), out);
 		return;
 	}
 	/* In s = 1 - eta(t), which falls as C rises. */
-	outside = DIAGONAL;
-	if (t_far > DIAGONAL && t_far < 1.0) {
+	outside = PROFILE_DIAGONAL;
+	if (t_far > PROFILE_DIAGONAL && t_far < 1.0) {
 		profile_eta(t_far, eta);
 		outside = 1.0 - eta[0];
 	}

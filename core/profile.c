@@ -42,16 +42,14 @@ void profile_eta(double x, double out[static 3])
 	out[2] = (w2 - w1 * w1 / (1.0 + w)) / (1.0 + w) / e;
 }
 
-/* The curve's point on the diagonal, where its slope is -1. */
-#define DIAGONAL 0.80627872039391879
-
 static void smooth_eval(double x, struct profile_jet *out)
 {
 	double eta[3];
 
-	/* Beyond, eta' grows without bound; the tangent serves as well. */
-	if (x > DIAGONAL) {
-		*out = (struct profile_jet){2.0 * DIAGONAL - x, -1.0, 0.0};
+	/* There the slope is -1. Beyond, eta' grows without bound; the tangent
+	 * serves as well. */
+	if (x > PROFILE_DIAGONAL) {
+		*out = (struct profile_jet){2.0 * PROFILE_DIAGONAL - x, -1.0, 0.0};
 		return;
 	}
 	profile_eta(x, eta);

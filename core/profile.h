@@ -33,6 +33,9 @@ struct profile {
 	double slope[PROFILE_SAMPLES_MAX];     /* dy/dx at each sample */
 };
 
+/* Where the smooth silhouette meets the diagonal: x = 1 - eta(x), phi(1). */
+#define PROFILE_DIAGONAL 0.80627872039391879
+
 /* B, dB/dx and d2B/dx2 at one x. */
 struct profile_jet {
 	double y, slope, bend;

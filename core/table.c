@@ -474,23 +474,20 @@ static void sample_point(size_t i, double out[static 3])
 	out[2] *= QUARTER_PI;
 }
 
-bool table_measure(const struct table *t, size_t first, size_t last,
-    float *errors, size_t stride, const volatile bool *stop)
+void table_measure(const struct table *t, size_t first, size_t last,
+    float *errors, size_t stride)
 {
 	for (size_t i = first; i < last; i++) {
 		struct operator_jet got, want;
 		const double *a = &got.g, *b = &want.g;
 		double f[3];
 
-		if (stop && *stop)
-			return false;
 		sample_point(i, f);
 		table_lookup(t, f[0], f[1], f[2], 2, &got);
 		operator_eval(t->family, &t->profile, f[0], f[1], f[2], 2, &want);
 		for (size_t k = 0; k < TABLE_QUANTITIES; k++)
 			errors[k * stride + i] = (float)fabs(a[k] - b[k]);
 	}
-	return true;
 }
 
 /* Hoare's selection: x[rank] ends where sorting would put it. */

@@ -75,11 +75,10 @@ void table_lookup(const struct table *t, double f1, double f2, double theta,
  * The error of t over points first..last-1 of the fixed sample (a
  * low-discrepancy sequence over [0,1]^2 x [0, pi/4]; the paper's Fig. 11 does
  * this for g). The absolute difference of quantity k at point i goes to
- * errors[k * stride + i]; threads may do different points at once. stop, if
- * not NULL, is polled; once *stop is true the rest is skipped and false returned.
+ * errors[k * stride + i]; threads may do different points at once.
  */
-bool table_measure(const struct table *t, size_t first, size_t last,
-    float *errors, size_t stride, const volatile bool *stop);
+void table_measure(const struct table *t, size_t first, size_t last,
+    float *errors, size_t stride);
 
 /* Sums up the first count points that table_measure wrote; permutes them. */
 void table_error_summarise(float *errors, size_t stride, size_t count,

@@ -24,8 +24,8 @@
 
 /*
  * Vectors of points that a work-item takes at once. 50 point primitives under
- * sum, width 16, in core-ns a point for 1, 2 and 4 vectors: value 50, 46, 28;
- * value and gradient 64, 52, 40 to 50; camel does not care.
+ * sum, width 16, in core-ns a point for 1, 2 and 4 vectors when it was chosen:
+ * value 50, 46, 28; value and gradient 64, 52, 40 to 50; camel does not care.
  */
 #define BLOCK_CPU 4
 #define BLOCK_OTHER 1

@@ -94,16 +94,23 @@ static enum err launch(struct device *d, cl_uint next, cl_mem points,
 	return ERR_OK;
 }
 
-/* Waits until the rows are in the host's memory: mapping makes them so. */
-static enum err await_rows(struct device *d, cl_mem rows, size_t size)
+/*
+ * Waits until a buffer's rows are in the host's memory, which mapping makes
+ * them; copies them to another place if that is not NULL.
+ */
+static enum err await_rows(struct device *d, cl_mem rows, size_t size,
+    float *to)
 {
 	cl_int code;
 	void *at = clEnqueueMapBuffer(d->queue, rows, CL_TRUE, CL_MAP_READ, 0,
 	    size, 0, NULL, NULL, &code);
 
-	if (code == CL_SUCCESS)
+	if (code == CL_SUCCESS) {
+		if (to)
+			memcpy(to, at, size);
 		code = clEnqueueUnmapMemObject(d->queue, rows, at, 0, NULL,
 		    NULL);
+	}
 	if (code == CL_SUCCESS)
 		code = clFinish(d->queue);
 	if (code != CL_SUCCESS)
@@ -132,7 +139,7 @@ static enum err run_shared(struct device *d, cl_uint next,
 	if (!err)
 		err = launch(d, next, points, rows, piece->count);
 	if (!err)
-		err = await_rows(d, rows, row_size);
+		err = await_rows(d, rows, row_size, NULL);
 	if (rows)
 		clReleaseMemObject(rows);
 	if (points)
@@ -162,26 +169,6 @@ static enum err write_points(struct device *d, const struct piece *piece,
 	return ERR_OK;
 }
 
-static enum err read_rows(struct device *d, const struct piece *piece,
-    size_t stride)
-{
-	size_t size = piece->count * stride * sizeof(float);
-	cl_int code;
-	void *at = clEnqueueMapBuffer(d->queue, d->rows, CL_TRUE, CL_MAP_READ,
-	    0, size, 0, NULL, NULL, &code);
-
-	if (code == CL_SUCCESS) {
-		memcpy(piece->rows, at, size);
-		code = clEnqueueUnmapMemObject(d->queue, d->rows, at, 0, NULL,
-		    NULL);
-	}
-	if (code == CL_SUCCESS)
-		code = clFinish(d->queue);
-	if (code != CL_SUCCESS)
-		return device_fail(&d->failure, "clEnqueueMapBuffer", code);
-	return ERR_OK;
-}
-
 /* A piece of at most d->staged_points, by way of the device's buffers. */
 static enum err run_staged(struct device *d, cl_uint next,
     const struct piece *piece, size_t stride)
@@ -193,7 +180,8 @@ static enum err run_staged(struct device *d, cl_uint next,
 	if (!err)
 		err = launch(d, next, d->points, d->rows, padded);
 	if (!err)
-		err = read_rows(d, piece, stride);
+		err = await_rows(d, d->rows,
+		    piece->count * stride * sizeof(float), piece->rows);
 	return err;
 }
 

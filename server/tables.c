@@ -299,7 +299,7 @@ static bool measure(const struct table *table, const atomic_bool *stop,
 
 	while (errors != NULL && at < TABLE_SAMPLE && !atomic_load(stop)) {
 		table_measure(table, at, at + MEASURE_STEP, errors,
-		    TABLE_SAMPLE, NULL);
+		    TABLE_SAMPLE);
 		at += MEASURE_STEP;
 	}
 	if (at == TABLE_SAMPLE)

@@ -40,7 +40,7 @@ static void *work(void *arg)
 
 	if (s->errors) {
 		table_measure(s->table, first, first + TABLE_SAMPLE / THREADS,
-		    s->errors, TABLE_SAMPLE, NULL);
+		    s->errors, TABLE_SAMPLE);
 		return NULL;
 	}
 	for (int i = s->index; i < s->table->resolution; i += THREADS)
