@@ -21,7 +21,8 @@ VERSION := $(shell sed -n 's/^\#\# \([0-9][0-9.]*\).*/\1/p' CHANGELOG.md | head 
 PACKAGES := gcc libc6-dev libmicrohttpd-dev libcjson-dev nettle-dev \
 	ocl-icd-opencl-dev pocl-opencl-icd
 RUN_PACKAGES := curl
-TEST_PACKAGES := libcmocka-dev libcurl4-openssl-dev curl clang
+TEST_PACKAGES := libcmocka-dev libcurl4-openssl-dev curl clang \
+	python3-jsonschema
 FUZZ_PACKAGES := clang libclang-rt-14-dev
 
 WARN := -Wall -Wextra -Wpedantic -Wshadow -Wstrict-prototypes \
@@ -44,20 +45,24 @@ SUPPORT := $(B)/tests/support.a
 UNIT := $(call programs,unit)
 DEVICE := $(call programs,device)
 WIRE := $(call programs,wire)
+VERDICTS := $(B)/tests/schema/document_verdicts
 BENCH := $(patsubst %.c,$(B)/%,$(wildcard tests/bench/bench_*.c))
 FUZZ := $(patsubst tests/fuzz/%.c,build/fuzz/%,$(wildcard tests/fuzz/fuzz_*.c))
 
 # What the kernels are made of. Order matters: constants shared with C, types,
 # functions, entry points.
-CL := $(addprefix core/,opcode.h output.h descriptor.h curve.h table_shape.h) \
-	$(addprefix kernels/,prelude.cl primitive.cl curve.cl fetch.cl \
-	table.cl compose.cl interpreter.cl)
+CL := $(addprefix core/,opcode.h output.h descriptor.h curve.h table_shape.h \
+	warp.h classic.h convolution.h) \
+	$(addprefix kernels/,prelude.cl convolution.cl primitive.cl volume.cl \
+	warp.cl curve.cl fetch.cl table.cl classic.cl compose.cl surface.cl \
+	interpreter.cl)
 
 # Their exit status is none that the daemon or cmocka ends with.
 export ASAN_OPTIONS ?= exitcode=66
 export TSAN_OPTIONS ?= halt_on_error=1:exitcode=66
 export UBSAN_OPTIONS ?= print_stacktrace=1:exitcode=66
 export BLOBFIELDD ?= $(B)/blobfieldd
+export DOCUMENT_VERDICTS ?= $(VERDICTS)
 
 .PHONY: all
 all: $(B)/blobfieldd
@@ -113,6 +118,10 @@ $(WIRE): $(B)/%: $(B)/%.o $(SUPPORT) $(PROTO) $(CORE)
 	$(if $(Q),@echo '  LD    $@')
 	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcmocka -lcurl -lcjson -lm
 
+$(VERDICTS): $(B)/%: $(B)/%.o $(PROTO) $(CORE)
+	$(if $(Q),@echo '  LD    $@')
+	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcjson -lm
+
 # --- packages ---------------------------------------------------------------
 
 # Installs those of the named Debian packages that are missing.
@@ -155,8 +164,8 @@ example: packages-run
 .PHONY: test
 test: packages-test
 	@$(MAKE) --no-print-directory -j2 $(B)/blobfieldd $(UNIT) $(DEVICE) \
-	    $(WIRE) check-kernels
-	@tests/run.sh $(UNIT) $(DEVICE) $(WIRE)
+	    $(WIRE) $(VERDICTS) check-kernels
+	@tests/run.sh $(UNIT) tests/schema/test_schema.py $(DEVICE) $(WIRE)
 
 # The kernels' syntax at every width, with no device.
 .PHONY: check-kernels
@@ -194,7 +203,7 @@ build/fuzz/%: tests/fuzz/%.c $(wildcard core/*.[ch] proto/*.[ch])
 
 # What the README's links lead to, at the same places below it.
 DOCS := README.md LICENSE CHANGELOG.md core/README.md proto/README.md \
-	proto/document.schema.json
+	proto/DOCUMENT.md proto/document.schema.json
 
 .PHONY: install
 install: $(B)/blobfieldd

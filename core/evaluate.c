@@ -6,14 +6,29 @@
 #include "core/evaluate.h"
 
 #include <assert.h>
+#include <stdbool.h>
 #include <stddef.h>
 
 #include "core/affine.h"
+#include "core/classic.h"
 #include "core/primitive.h"
 #include "core/tape.h"
+#include "core/tree.h"
+#include "core/volume.h"
+#include "core/warp.h"
 
 /* Fields under this are 0 to ricci, so that its quotients stay finite. */
 #define RICCI_LEAST 1e-100
+
+/* Of evaluate_color: e, ricci's greatest exponent, and what no value exceeds
+ * in powers. */
+#define COLOR_NOTHING 1e-6
+#define COLOR_EXPONENT_MAX 8.0
+#define COLOR_VALUE_MAX 1e30
+
+/* Derivatives carried through a warp are held within this: far out, each of
+ * several nested twists stretches by rate times distance. */
+#define WARPED_MAX 1e100
 
 static const struct jet zero_jet;
 
@@ -220,18 +235,37 @@ static struct jet carry(const double *params, const struct jet *f)
 	    affine_pull_hessian(a, f->hessian)};
 }
 
-/* Composes the jets pushed first and second. */
+/* The chain rule alone: some of these are not 0 where a field is. */
+static struct jet classic(const struct insn *insn, const double *params,
+    const struct jet *a, const struct jet *b, int order)
+{
+	const struct opened none = {.theta = 0.0};
+	struct operator_jet g;
+	struct jet out = zero_jet;
+
+	classic_eval(insn->index, params, a->value, b->value, order, &g);
+	out.value = g.g;
+	if (order > 0)
+		out.gradient = vec3_axpy(g.g2, b->gradient,
+		    vec3_scale(g.g1, a->gradient));
+	if (order > 1)
+		out.hessian = compose_hessian(&g, a, b, &none);
+	return out;
+}
+
+static bool is_swapped(OPCODE_UINT op)
+{
+	return op == OP_MINUS_SWAPPED || op == OP_CLASSIC_SWAPPED ||
+	    op == OP_DIFFERENCE_SWAPPED;
+}
+
+/* Composes two jets, a the one that comes first in the tree. */
 static struct jet compose(const struct tape *tape, const struct insn *insn,
-    const struct jet *first, const struct jet *second, int order)
+    const struct jet *a, const struct jet *b, int order)
 {
 	const double *params = tape->params + insn->param;
-	const struct jet *a = first, *b = second;
 	struct jet inverse, out;
 
-	if (insn->op == OP_MINUS_SWAPPED || insn->op == OP_DIFFERENCE_SWAPPED) {
-		a = second;
-		b = first;
-	}
 	switch (insn->op) {
 	case OP_MAX:
 		return a->value >= b->value ? *a : *b;
@@ -245,6 +279,9 @@ static struct jet compose(const struct tape *tape, const struct insn *insn,
 		return sum(a, b);
 	case OP_RICCI:
 		return ricci(params[0], a, b);
+	case OP_CLASSIC:
+	case OP_CLASSIC_SWAPPED:
+		return classic(insn, params, a, b, order);
 	case OP_DIFFERENCE:
 	case OP_DIFFERENCE_SWAPPED:
 		inverse = complement(b);
@@ -254,6 +291,78 @@ static struct jet compose(const struct tape *tape, const struct insn *insn,
 	evaluate_compose(tape->operators + insn->index, params[0], a, b, order,
 	    &out);
 	return out;
+}
+
+enum rule {
+	RULE_SUM,
+	RULE_UNION,
+	RULE_INTERSECTION,
+	RULE_DIFFERENCE
+};
+
+/* By which rule the composition insn mixes colours; its exponent. */
+static enum rule color_rule(const struct insn *insn, const double *params,
+    double *exponent)
+{
+	static const enum rule of_family[] = {
+		[CLASSIC_UNION] = RULE_UNION,
+		[CLASSIC_INTERSECTION] = RULE_INTERSECTION,
+		[CLASSIC_DIFFERENCE] = RULE_DIFFERENCE,
+	};
+
+	*exponent = 2.0;
+	switch (insn->op) {
+	case OP_SUM:
+		return RULE_SUM;
+	case OP_RICCI:
+		*exponent = fmin(params[0], COLOR_EXPONENT_MAX);
+		return RULE_UNION;
+	case OP_CLASSIC:
+	case OP_CLASSIC_SWAPPED:
+		return of_family[(int)params[0]];
+	case OP_MAX:
+	case OP_UNION:
+		return RULE_UNION;
+	case OP_MIN:
+	case OP_INTERSECTION:
+		return RULE_INTERSECTION;
+	default:
+		return RULE_DIFFERENCE;
+	}
+}
+
+/* The first operand's share, of its value a and the other's b. */
+static double color_share(enum rule rule, double exponent, double a, double b)
+{
+	const double e = COLOR_NOTHING;
+	double A = fmax(0.0, 1.0 - a), B = fmax(0.0, 1.0 - b);
+	/* so that no power overflows */
+	double pa = pow(fmin(a, COLOR_VALUE_MAX), exponent);
+	double pb = pow(fmin(b, COLOR_VALUE_MAX), exponent);
+
+	switch (rule) {
+	case RULE_SUM:
+		return (a + e) / (a + b + 2.0 * e);
+	case RULE_UNION:
+		return (pa + e) / (pa + pb + 2.0 * e);
+	case RULE_INTERSECTION:
+		return (A * A + e) / (A * A + B * B + 2.0 * e);
+	default:
+		return (A * A + e) / (A * A + pb + e);
+	}
+}
+
+/* Of two operands that come in this order in the tree. */
+static struct vec3 mix_colors(const struct tape *tape, const struct insn *insn,
+    const struct jet *a, const struct jet *b, struct vec3 color_a,
+    struct vec3 color_b)
+{
+	double exponent;
+	enum rule rule = color_rule(insn, tape->params + insn->param,
+	    &exponent);
+	double w = color_share(rule, exponent, a->value, b->value);
+
+	return vec3_add(vec3_scale(w, color_a), vec3_scale(1.0 - w, color_b));
 }
 
 /* p, or if it is out of reach the point on its ray that is not. */
@@ -268,7 +377,7 @@ static struct vec3 draw_in(struct vec3 p)
 	    reach * (p.z / far));
 }
 
-/* The point p of the world in the frame of these parameters. */
+/* The point p of the base in the frame of these parameters. */
 static struct vec3 enter_frame(const double *m, struct vec3 p)
 {
 	return draw_in(vec3(m[0] * p.x + m[1] * p.y + m[2] * p.z + m[9],
@@ -284,29 +393,160 @@ static void cut_derivatives(struct jet *f, int order)
 		f->gradient = zero_jet.gradient;
 }
 
+static double clamp(double x)
+{
+	return fmax(-WARPED_MAX, fmin(WARPED_MAX, x));
+}
+
+static void limit(struct jet *f)
+{
+	struct vec3 *g = &f->gradient;
+	struct sym3 *h = &f->hessian;
+
+	*g = vec3(clamp(g->x), clamp(g->y), clamp(g->z));
+	*h = (struct sym3){clamp(h->xx), clamp(h->yy), clamp(h->zz),
+	    clamp(h->xy), clamp(h->xz), clamp(h->yz)};
+}
+
+/* f(W(x)) of f at W(x): J^T g, and J^T H J + sum of g_i times W_i's second
+ * derivatives. */
+static struct jet unwarp(const struct warp_jet *w, const struct jet *f)
+{
+	struct jet out = {f->value,
+	    affine_pull_gradient(w->jacobian, f->gradient),
+	    affine_pull_hessian(w->jacobian, f->hessian)};
+
+	out.hessian = sym3_axpy(f->gradient.x, w->second[0], out.hessian);
+	out.hessian = sym3_axpy(f->gradient.y, w->second[1], out.hessian);
+	out.hessian = sym3_axpy(f->gradient.z, w->second[2], out.hessian);
+	limit(&out);
+	return out;
+}
+
+/* Where a walk along a tape is. */
+struct walk {
+	const struct tape *tape;
+	struct jet stack[TAPE_STACK_MAX], *end;
+	struct vec3 bases[TAPE_WARPS_MAX + 1], *base;
+	struct vec3 x;                      /* the primitives' point */
+	struct vec3 colors[TAPE_STACK_MAX]; /* of the jets */
+	struct vec3 color;                  /* of the primitives to come */
+};
+
+#define FRAME_PARAMS 12
+
+/* W(A b + t) of the base b, with derivatives. */
+static void warp_base(const struct insn *insn, const double *params,
+    struct vec3 base, int order, struct warp_jet *out)
+{
+	warp_eval(insn->index, params + FRAME_PARAMS,
+	    enter_frame(params, base), order, out);
+}
+
+static void enter_warp(struct walk *w, const struct insn *insn,
+    const double *params)
+{
+	struct warp_jet warp;
+
+	assert(w->base < w->bases + TAPE_WARPS_MAX);
+	warp_base(insn, params, *w->base, 0, &warp);
+	w->x = *++w->base = draw_in(warp.point);
+}
+
+static void leave_warp(struct walk *w, const struct insn *insn,
+    const double *params, int order)
+{
+	struct warp_jet warp;
+
+	w->base--;
+	if (order == 0)
+		return;
+	warp_base(insn, params, *w->base, order, &warp);
+	w->end[-1] = unwarp(&warp, w->end - 1);
+}
+
+static void push_primitive(struct walk *w, const struct insn *insn,
+    const double *params, int order)
+{
+	w->colors[w->end - w->stack] = w->color;
+	if (insn->op == OP_VOLUME)
+		volume_eval(w->tape->volumes[insn->index], params, w->x, order,
+		    w->end++);
+	else
+		primitive_eval(insn->op, params, w->x, order, w->end++);
+}
+
+static void compose_top(struct walk *w, const struct insn *insn, int order,
+    bool colored)
+{
+	struct jet *top = --w->end - 1;
+	struct vec3 *colors = w->colors + (top - w->stack);
+	int a = is_swapped(insn->op) ? 1 : 0;
+
+	if (colored)
+		colors[0] = mix_colors(w->tape, insn, top + a, top + 1 - a,
+		    colors[a], colors[1 - a]);
+	*top = compose(w->tape, insn, top + a, top + 1 - a, order);
+}
+
+static void step(struct walk *w, const struct insn *insn, int order,
+    bool colored)
+{
+	const double *params = w->tape->params + insn->param;
+
+	switch (insn->op) {
+	case OP_FRAME:
+		w->x = enter_frame(params, *w->base);
+		return;
+	case OP_CARRY:
+		w->end[-1] = carry(params, w->end - 1);
+		return;
+	case OP_COLOR:
+		w->color = vec3(params[0], params[1], params[2]);
+		return;
+	case OP_ENTER:
+		enter_warp(w, insn, params);
+		return;
+	case OP_LEAVE:
+		leave_warp(w, insn, params, order);
+		return;
+	}
+	if (insn->op < OP_MAX)
+		push_primitive(w, insn, params, order);
+	else
+		compose_top(w, insn, order, colored);
+}
+
+static void walk_tape(struct walk *w, const struct tape *tape, struct vec3 p,
+    int order, bool colored)
+{
+	const double gray = TREE_COLOR_DEFAULT;
+
+	assert(tape->stack_depth >= 1 && tape->stack_depth <= TAPE_STACK_MAX);
+	w->tape = tape;
+	w->end = w->stack;
+	w->base = w->bases;
+	w->x = *w->base = draw_in(p);
+	w->color = vec3(gray, gray, gray);
+	for (size_t i = 0; i < tape->insn_count; i++)
+		step(w, tape->insns + i, tape_order(tape->insns + i, order),
+		    colored);
+}
+
 void evaluate(const struct tape *tape, struct vec3 p, int order,
     struct jet *out)
 {
-	struct jet stack[TAPE_STACK_MAX], *end = stack;
-	struct vec3 world = draw_in(p), x = world;
+	struct walk w;
 
-	assert(tape->stack_depth >= 1 && tape->stack_depth <= TAPE_STACK_MAX);
-	for (size_t i = 0; i < tape->insn_count; i++) {
-		const struct insn *insn = tape->insns + i;
-		const double *params = tape->params + insn->param;
-		int wanted = tape_order(insn, order);
-
-		if (insn->op == OP_FRAME) {
-			x = enter_frame(params, world);
-		} else if (insn->op == OP_CARRY) {
-			end[-1] = carry(params, end - 1);
-		} else if (insn->op < OP_MAX) {
-			primitive_eval(insn->op, params, x, wanted, end++);
-		} else {
-			end--;
-			end[-1] = compose(tape, insn, end - 1, end, wanted);
-		}
-	}
-	*out = stack[0];
+	walk_tape(&w, tape, p, order, false);
+	*out = w.stack[0];
 	cut_derivatives(out, order);
+}
+
+void evaluate_color(const struct tape *tape, struct vec3 p, struct vec3 *out)
+{
+	struct walk w;
+
+	walk_tape(&w, tape, p, 0, true);
+	*out = w.colors[0];
 }

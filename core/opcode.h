@@ -4,11 +4,15 @@
  * evaluator and the device's interpreter walk the same instructions.
  *
  * A tape is a postfix program over a stack of jets. FRAME sets the point that
- * following primitives see, to A x + t of the request's point x (never of the
- * previous frame's). Every primitive pushes one jet. CARRY rewrites the top
- * jet from a node's own frame to its parent's. Every composition pops two jets
- * and pushes one. Parameters are a flat array of numbers, float64 on the host
- * and float32 on the device.
+ * following primitives see, to A b + t of the base point b: the request's
+ * point, or within a warp the warped one (never the previous frame's). ENTER
+ * pushes a new base, W(A b + t) of the present one with W the warp; LEAVE, with
+ * the same parameters, pops it and carries the top jet through W; both leave
+ * the frame's point to be set anew. COLOR sets the colour that following
+ * primitives have. Every primitive pushes one jet. CARRY rewrites the top jet
+ * from a node's own frame to its parent's. Every composition pops two jets and
+ * pushes one. Parameters are a flat array of numbers, float64 on the host and
+ * float32 on the device.
  */
 #ifndef CORE_OPCODE_H
 #define CORE_OPCODE_H
@@ -27,38 +31,58 @@
  */
 #define OP_FRAME 0        /* a[9] row-major, t[3] */
 #define OP_CARRY 1        /* a[9] row-major: the linear part of M^-1 */
+#define OP_COLOR 2        /* rgb[3], linear */
+#define OP_ENTER 3        /* a[9], t[3], warp_prepare's; index: WARP_TWIST ... */
+#define OP_LEAVE 4        /* the parameters and index of its OP_ENTER */
 /* soft objects: f = weight (1 - d^2/R^2)^n */
-#define OP_POINT 2        /* c[3], inv_r2, n, weight */
-#define OP_SEGMENT 3      /* a[3], u[3], length, Ra, (Rb-Ra)/length, n, weight */
-#define OP_TRIANGLE 4     /* a[3], b[3], c[3], inv_r2, n, weight */
-#define OP_DISC 5         /* c[3], u[3], disc_radius, inv_r2, n, weight */
-#define OP_CIRCLE 6       /* c[3], u[3], ring_radius, inv_r2, n, weight */
+#define OP_POINT 5        /* c[3], inv_r2, n, weight */
+#define OP_SEGMENT 6      /* a[3], u[3], length, Ra, (Rb-Ra)/length, n, weight */
+#define OP_TRIANGLE 7     /* a[3], b[3], c[3], inv_r2, n, weight */
+#define OP_DISC 8         /* c[3], u[3], disc_radius, inv_r2, n, weight */
+#define OP_CIRCLE 9       /* c[3], u[3], ring_radius, inv_r2, n, weight */
 /* solids: f = falloff polynomial of the exact signed distance */
-#define OP_SPHERE 7       /* c[3], radius, inv_fall */
-#define OP_BOX 8          /* c[3], half_size-rounding [3], rounding, inv_fall */
-#define OP_CYLINDER 9     /* c[3] (middle), u[3], half_length, radius, inv_fall */
-#define OP_CAPSULE 10     /* a[3], u[3], length, radius, inv_fall */
-#define OP_CONE 11        /* a[3], u[3], length, ra, rb, inv_fall */
-#define OP_TORUS 12       /* c[3], u[3], major, minor, inv_fall */
-#define OP_PLANE 13       /* p[3], u[3] (outward), inv_fall */
+#define OP_SPHERE 10      /* c[3], radius, inv_fall */
+#define OP_BOX 11         /* c[3], half_size-rounding [3], rounding, inv_fall */
+#define OP_CYLINDER 12    /* c[3] (middle), u[3], half_length, radius, inv_fall */
+#define OP_CAPSULE 13     /* a[3], u[3], length, radius, inv_fall */
+#define OP_CONE 14        /* a[3], u[3], length, ra, rb, inv_fall */
+#define OP_TORUS 15       /* c[3], u[3], major, minor, inv_fall */
+#define OP_PLANE 16       /* p[3], u[3] (outward), inv_fall */
+/* convolutions with the Cauchy kernel: core/convolution.h */
+#define OP_CAUCHY_POINT 17
+#define OP_CAUCHY_SEGMENT 18
+#define OP_CAUCHY_TRIANGLE 19
+/* a sampled field: core/volume.h */
+#define OP_VOLUME 20      /* min[3], inv_spacing[3], count[3], inv_fall or 0;
+                           * index: which of the tape's volumes */
 /* compositions; "first" is the jet pushed first unless the name says SWAPPED */
-#define OP_MAX 14         /* sharp union */
-#define OP_MIN 15         /* sharp intersection */
-#define OP_MINUS 16       /* sharp difference: min(first, max(0, 1 - second)) */
-#define OP_MINUS_SWAPPED 17
-#define OP_SUM 18
-#define OP_RICCI 19       /* n; (f1^n + f2^n)^(1/n) */
-#define OP_UNION 20       /* null_gradient; index: operator */
-#define OP_INTERSECTION 21
-#define OP_DIFFERENCE 22  /* intersection(first, max(0, 1 - second)) */
-#define OP_DIFFERENCE_SWAPPED 23
-#define OP_COUNT 24
+#define OP_MAX 21         /* sharp union */
+#define OP_MIN 22         /* sharp intersection */
+#define OP_MINUS 23       /* sharp difference: min(first, max(0, 1 - second)) */
+#define OP_MINUS_SWAPPED 24
+#define OP_SUM 25
+#define OP_RICCI 26       /* n; (f1^n + f2^n)^(1/n) */
+/* operators without angles, core/classic.h: classic_prepare's parameters;
+ * index: CLASSIC_SUPER_ELLIPTIC ... */
+#define OP_CLASSIC 27
+#define OP_CLASSIC_SWAPPED 28
+#define OP_UNION 29       /* null_gradient; index: operator */
+#define OP_INTERSECTION 30
+#define OP_DIFFERENCE 31  /* intersection(first, max(0, 1 - second)) */
+#define OP_DIFFERENCE_SWAPPED 32
+#define OP_COUNT 33
+
+/* Instructions before this one push no jet, those before OP_MAX push one. */
+#define OP_PRIMITIVES OP_POINT
 
 /*
  * The most jets a tape may need at once. tape_compile evaluates the deeper of
  * two operands first, so that this suffices for 2^(TAPE_STACK_MAX-1) leaves.
  */
 #define TAPE_STACK_MAX 16
+
+/* The most warps within each other. */
+#define TAPE_WARPS_MAX 8
 
 /*
  * A point further than this from the origin of its frame (largest coordinate)
@@ -77,7 +101,8 @@ struct insn {
 	OPCODE_UINT extra; /* derivative orders needed beyond the root's: the
 	                    * angle-dependent compositions above, at most 2 */
 	OPCODE_UINT param; /* first parameter's index */
-	OPCODE_UINT index; /* OP_UNION ...: which operator of the tape; else 0 */
+	OPCODE_UINT index; /* OP_UNION ...: which operator of the tape; as said
+	                    * above for others; else 0 */
 };
 
 #ifndef __OPENCL_C_VERSION__

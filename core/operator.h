@@ -31,6 +31,8 @@ struct operator {
 	enum table_layout layout; /* of the device's table; the float64
 	                           * evaluator has no table and ignores it */
 	int resolution;           /* nodes an axis of that table */
+	bool draft;               /* a coarser table may stand in for it while
+	                           * it is not resident (proto/README.md) */
 };
 
 /* g and its partial derivatives; t stands for theta in radians. */

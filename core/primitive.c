@@ -5,6 +5,9 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "core/convolution.h"
+#include "core/volume.h"
+
 /*
  * A segment's radius that changes along it enters the derivatives as
  * R'/R, 1/length; held under this, so that no float32 square overflows.
@@ -30,18 +33,6 @@ static double dmin(double a, double b)
 static double clamp(double x, double least, double most)
 {
 	return dmin(dmax(x, least), most);
-}
-
-static struct vec3 get3(const double *p)
-{
-	return vec3(p[0], p[1], p[2]);
-}
-
-static void put3(double *p, struct vec3 v)
-{
-	p[0] = v.x;
-	p[1] = v.y;
-	p[2] = v.z;
 }
 
 /* v / |v|, or 0. */
@@ -85,7 +76,7 @@ static void soft(const struct jet *s, double n, double weight, int order,
 
 static void point(const double *p, struct vec3 x, int order, struct jet *out)
 {
-	struct vec3 e = vec3_sub(x, get3(p));
+	struct vec3 e = vec3_sub(x, vec3_get(p));
 	double inv_r2 = p[3];
 	struct jet s = {
 	    .value = vec3_dot(e, e) * inv_r2,
@@ -97,7 +88,7 @@ static void point(const double *p, struct vec3 x, int order, struct jet *out)
 
 static void segment(const double *p, struct vec3 x, int order, struct jet *out)
 {
-	struct vec3 u = get3(p + 3), e = vec3_sub(x, get3(p));
+	struct vec3 u = vec3_get(p + 3), e = vec3_sub(x, vec3_get(p));
 	double along = vec3_dot(u, e);
 	bool between = along > 0.0 && along < p[6];
 	double t = clamp(along, 0.0, p[6]);
@@ -177,7 +168,7 @@ static struct foot triangle_foot(const struct vec3 corner[static 3],
 static void triangle(const double *p, struct vec3 x, int order,
     struct jet *out)
 {
-	struct vec3 corner[3] = {get3(p), get3(p + 3), get3(p + 6)};
+	struct vec3 corner[3] = {vec3_get(p), vec3_get(p + 3), vec3_get(p + 6)};
 	struct foot foot = triangle_foot(corner, x);
 	double inv_r2 = p[9];
 	struct jet s = {
@@ -256,7 +247,8 @@ static struct jet ring(double a, bool radial, double inv_r2,
 
 static void disc(const double *p, struct vec3 x, int order, struct jet *out)
 {
-	struct cylindrical c = about_axis(get3(p), get3(p + 3), x, p[6]);
+	struct cylindrical c = about_axis(vec3_get(p), vec3_get(p + 3), x,
+	    p[6]);
 	bool beyond = c.rho > p[6];
 	struct jet s = ring(beyond ? c.rho - p[6] : 0.0, beyond, p[7], &c);
 
@@ -265,18 +257,19 @@ static void disc(const double *p, struct vec3 x, int order, struct jet *out)
 
 static void circle(const double *p, struct vec3 x, int order, struct jet *out)
 {
-	struct cylindrical c = about_axis(get3(p), get3(p + 3), x, p[6]);
+	struct cylindrical c = about_axis(vec3_get(p), vec3_get(p + 3), x,
+	    p[6]);
 	struct jet s = ring(c.rho - p[6], true, p[7], &c);
 
 	soft(&s, p[8], p[9], order, out);
 }
 
 /*
- * Solids. Each finds the signed distance with derivatives; solid() makes
+ * Solids. Each finds the signed distance with derivatives; this makes
  * f(t) = 1/2 - 15/16 t + 5/8 t^3 - 3/16 t^5 of it, t = distance/falloff, in
  * the factored form (1-t)^3 (8 + 9t + 3t^2) / 16.
  */
-static void solid(const struct jet *d, double inv_fall, int order,
+void primitive_solid(const struct jet *d, double inv_fall, int order,
     struct jet *out)
 {
 	double t = clamp(d->value * inv_fall, -1.0, 1.0);
@@ -307,14 +300,14 @@ static struct jet round_distance(struct vec3 e, double radius, double size)
 
 static void sphere(const double *p, struct vec3 x, int order, struct jet *out)
 {
-	struct jet d = round_distance(vec3_sub(x, get3(p)), p[3], p[3]);
+	struct jet d = round_distance(vec3_sub(x, vec3_get(p)), p[3], p[3]);
 
-	solid(&d, p[4], order, out);
+	primitive_solid(&d, p[4], order, out);
 }
 
 static void capsule(const double *p, struct vec3 x, int order, struct jet *out)
 {
-	struct vec3 u = get3(p + 3), e = vec3_sub(x, get3(p));
+	struct vec3 u = vec3_get(p + 3), e = vec3_sub(x, vec3_get(p));
 	double along = vec3_dot(u, e), length = p[6], radius = p[7], rho;
 	bool between = along > 0.0 && along < length;
 	struct jet d;
@@ -325,7 +318,7 @@ static void capsule(const double *p, struct vec3 x, int order, struct jet *out)
 		rho = dmax(vec3_norm(e), AXIS_GUARD * radius);
 		d.hessian = sym3_axpy(-1.0 / rho, sym3_square(u), d.hessian);
 	}
-	solid(&d, p[8], order, out);
+	primitive_solid(&d, p[8], order, out);
 }
 
 static double sign(double x)
@@ -365,7 +358,7 @@ static struct jet box_outside(struct vec3 o, struct vec3 side, double guard)
 
 static void box(const double *p, struct vec3 x, int order, struct jet *out)
 {
-	struct vec3 d = vec3_sub(x, get3(p));
+	struct vec3 d = vec3_sub(x, vec3_get(p));
 	struct vec3 q = vec3(fabs(d.x) - p[3], fabs(d.y) - p[4],
 	    fabs(d.z) - p[5]);
 	struct vec3 o = vec3(dmax(q.x, 0.0), dmax(q.y, 0.0), dmax(q.z, 0.0));
@@ -374,7 +367,7 @@ static void box(const double *p, struct vec3 x, int order, struct jet *out)
 	    box_outside(o, side, AXIS_GUARD / p[7]) : box_inside(q, side);
 
 	distance.value -= p[6];
-	solid(&distance, p[7], order, out);
+	primitive_solid(&distance, p[7], order, out);
 }
 
 /*
@@ -405,7 +398,8 @@ static struct planar line_distance(double distance, double r, double z,
 static void cylinder(const double *p, struct vec3 x, int order,
     struct jet *out)
 {
-	struct cylindrical c = about_axis(get3(p), get3(p + 3), x, p[7]);
+	struct cylindrical c = about_axis(vec3_get(p), vec3_get(p + 3), x,
+	    p[7]);
 	double side = sign(c.z), q = c.rho - p[7], w = fabs(c.z) - p[6];
 	struct planar f;
 	struct jet d;
@@ -417,7 +411,7 @@ static void cylinder(const double *p, struct vec3 x, int order,
 	else
 		f = line_distance(w, 0.0, side, &c);
 	d = revolve(&f, &c);
-	solid(&d, p[8], order, out);
+	primitive_solid(&d, p[8], order, out);
 }
 
 /*
@@ -449,33 +443,34 @@ static struct planar cone_profile(double length, double ra, double rb,
 
 static void cone(const double *p, struct vec3 x, int order, struct jet *out)
 {
-	struct cylindrical c = about_axis(get3(p), get3(p + 3), x,
+	struct cylindrical c = about_axis(vec3_get(p), vec3_get(p + 3), x,
 	    dmax(p[7], p[8]));
 	struct planar f = cone_profile(p[6], p[7], p[8], AXIS_GUARD / p[9], &c);
 	struct jet d = revolve(&f, &c);
 
-	solid(&d, p[9], order, out);
+	primitive_solid(&d, p[9], order, out);
 }
 
 static void torus(const double *p, struct vec3 x, int order, struct jet *out)
 {
-	struct cylindrical c = about_axis(get3(p), get3(p + 3), x, p[6]);
+	struct cylindrical c = about_axis(vec3_get(p), vec3_get(p + 3), x,
+	    p[6]);
 	struct planar f = corner_distance(c.rho - p[6], c.z, p[6],
 	    AXIS_GUARD * p[7], &c);
 	struct jet d;
 
 	f.value -= p[7];
 	d = revolve(&f, &c);
-	solid(&d, p[8], order, out);
+	primitive_solid(&d, p[8], order, out);
 }
 
 static void plane(const double *p, struct vec3 x, int order, struct jet *out)
 {
-	struct vec3 u = get3(p + 3);
-	struct jet d = {.value = vec3_dot(u, vec3_sub(x, get3(p))),
+	struct vec3 u = vec3_get(p + 3);
+	struct jet d = {.value = vec3_dot(u, vec3_sub(x, vec3_get(p))),
 	    .gradient = u};
 
-	solid(&d, p[6], order, out);
+	primitive_solid(&d, p[6], order, out);
 }
 
 /* A direction of any non-zero length, also one whose square underflows. */
@@ -511,13 +506,13 @@ static void put_axis(const struct primitive *p, double *u, double *length)
 	double norm = vec3_norm(ab);
 	bool apart = norm > 1e-12;
 
-	put3(u, apart ? vec3_scale(1.0 / norm, ab) : vec3(0.0, 0.0, 1.0));
+	vec3_put(u, apart ? vec3_scale(1.0 / norm, ab) : vec3(0.0, 0.0, 1.0));
 	*length = apart ? norm : 0.0;
 }
 
 static int put_point(const struct primitive *p, double *params)
 {
-	put3(params, p->a);
+	vec3_put(params, p->a);
 	return put_soft(p, params, 3);
 }
 
@@ -525,7 +520,7 @@ static int put_segment(const struct primitive *p, double *params)
 {
 	double grow = sqrt(support_ratio(p->exponent)), length;
 
-	put3(params, p->a);
+	vec3_put(params, p->a);
 	put_axis(p, params + 3, &length);
 	params[6] = length;
 	params[7] = grow * p->radius[0];
@@ -538,23 +533,23 @@ static int put_segment(const struct primitive *p, double *params)
 
 static int put_triangle(const struct primitive *p, double *params)
 {
-	put3(params, p->a);
-	put3(params + 3, p->b);
-	put3(params + 6, p->c);
+	vec3_put(params, p->a);
+	vec3_put(params + 3, p->b);
+	vec3_put(params + 6, p->c);
 	return put_soft(p, params, 9);
 }
 
 static int put_ring(const struct primitive *p, double *params)
 {
-	put3(params, p->a);
-	put3(params + 3, direction(p->normal));
+	vec3_put(params, p->a);
+	vec3_put(params + 3, direction(p->normal));
 	params[6] = p->major;
 	return put_soft(p, params, 7);
 }
 
 static int put_sphere(const struct primitive *p, double *params)
 {
-	put3(params, p->a);
+	vec3_put(params, p->a);
 	params[3] = p->radius[0];
 	params[4] = 1.0 / p->falloff;
 	return 5;
@@ -564,8 +559,8 @@ static int put_box(const struct primitive *p, double *params)
 {
 	double r = p->rounding;
 
-	put3(params, p->a);
-	put3(params + 3, vec3(p->half_size.x - r, p->half_size.y - r,
+	vec3_put(params, p->a);
+	vec3_put(params + 3, vec3(p->half_size.x - r, p->half_size.y - r,
 	    p->half_size.z - r));
 	params[6] = r;
 	params[7] = 1.0 / p->falloff;
@@ -576,7 +571,7 @@ static int put_cylinder(const struct primitive *p, double *params)
 {
 	double length;
 
-	put3(params, vec3_scale(0.5, vec3_add(p->a, p->b)));
+	vec3_put(params, vec3_scale(0.5, vec3_add(p->a, p->b)));
 	put_axis(p, params + 3, &length);
 	params[6] = 0.5 * length;
 	params[7] = p->radius[0];
@@ -586,7 +581,7 @@ static int put_cylinder(const struct primitive *p, double *params)
 
 static int put_capsule(const struct primitive *p, double *params)
 {
-	put3(params, p->a);
+	vec3_put(params, p->a);
 	put_axis(p, params + 3, params + 6);
 	params[7] = p->radius[0];
 	params[8] = 1.0 / p->falloff;
@@ -595,7 +590,7 @@ static int put_capsule(const struct primitive *p, double *params)
 
 static int put_cone(const struct primitive *p, double *params)
 {
-	put3(params, p->a);
+	vec3_put(params, p->a);
 	put_axis(p, params + 3, params + 6);
 	params[7] = p->radius[0];
 	params[8] = p->radius[1];
@@ -605,8 +600,8 @@ static int put_cone(const struct primitive *p, double *params)
 
 static int put_torus(const struct primitive *p, double *params)
 {
-	put3(params, p->a);
-	put3(params + 3, direction(p->normal));
+	vec3_put(params, p->a);
+	vec3_put(params + 3, direction(p->normal));
 	params[6] = p->major;
 	params[7] = p->minor;
 	params[8] = 1.0 / p->falloff;
@@ -615,10 +610,15 @@ static int put_torus(const struct primitive *p, double *params)
 
 static int put_plane(const struct primitive *p, double *params)
 {
-	put3(params, p->a);
-	put3(params + 3, direction(p->normal));
+	vec3_put(params, p->a);
+	vec3_put(params + 3, direction(p->normal));
 	params[6] = 1.0 / p->falloff;
 	return 7;
+}
+
+static int put_volume(const struct primitive *p, double *params)
+{
+	return volume_prepare(p->volume, p->falloff, params);
 }
 
 static const struct {
@@ -637,6 +637,10 @@ static const struct {
 	[PRIMITIVE_CONE] = {OP_CONE, put_cone},
 	[PRIMITIVE_TORUS] = {OP_TORUS, put_torus},
 	[PRIMITIVE_PLANE] = {OP_PLANE, put_plane},
+	[PRIMITIVE_CAUCHY_POINT] = {OP_CAUCHY_POINT, cauchy_prepare},
+	[PRIMITIVE_CAUCHY_SEGMENT] = {OP_CAUCHY_SEGMENT, cauchy_prepare},
+	[PRIMITIVE_CAUCHY_TRIANGLE] = {OP_CAUCHY_TRIANGLE, cauchy_prepare},
+	[PRIMITIVE_VOLUME] = {OP_VOLUME, put_volume},
 };
 
 OPCODE_UINT primitive_opcode(enum primitive_type type)
@@ -655,10 +659,20 @@ static bool is_soft(enum primitive_type type)
 	return type <= PRIMITIVE_CIRCLE;
 }
 
+static bool is_cauchy(enum primitive_type type)
+{
+	return type >= PRIMITIVE_CAUCHY_POINT &&
+	    type <= PRIMITIVE_CAUCHY_TRIANGLE;
+}
+
 double primitive_size(const struct primitive *p)
 {
 	double r = p->radius[0];
 
+	if (p->type == PRIMITIVE_VOLUME && !p->volume->is_distance)
+		return volume_spacing(p->volume);
+	if (is_cauchy(p->type))
+		return 1.0 / p->s;
 	if (!is_soft(p->type))
 		return p->falloff;
 	if (p->type == PRIMITIVE_SEGMENT)
@@ -685,7 +699,11 @@ static void (*const shapes[OP_COUNT])(const double *params, struct vec3 x,
 void primitive_eval(OPCODE_UINT op, const double *params, struct vec3 x,
     int order, struct jet *out)
 {
-	assert(op < OP_COUNT && shapes[op] != NULL);
 	*out = (struct jet){0};
+	if (op >= OP_CAUCHY_POINT && op <= OP_CAUCHY_TRIANGLE) {
+		cauchy_eval(op, params, x, order, out);
+		return;
+	}
+	assert(op < OP_COUNT && shapes[op] != NULL);
 	shapes[op](params, x, order, out);
 }

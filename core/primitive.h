@@ -9,6 +9,8 @@
 #include "core/opcode.h"
 #include "core/vec3.h"
 
+struct volume;
+
 /* The most parameters one primitive has on a tape. */
 #define PRIMITIVE_PARAMS_MAX 16
 
@@ -25,6 +27,10 @@ enum primitive_type {
 	PRIMITIVE_CONE,
 	PRIMITIVE_TORUS,
 	PRIMITIVE_PLANE,
+	PRIMITIVE_CAUCHY_POINT,    /* elements of convolution surfaces: */
+	PRIMITIVE_CAUCHY_SEGMENT,  /* core/convolution.h */
+	PRIMITIVE_CAUCHY_TRIANGLE,
+	PRIMITIVE_VOLUME,          /* core/volume.h */
 	PRIMITIVE_COUNT
 };
 
@@ -46,7 +52,11 @@ struct primitive {
 	double radius[2];
 	double major, minor;     /* torus; major: also disc_radius, ring_radius */
 	double exponent, weight; /* soft objects: n >= 3, weight >= 0 */
-	double falloff;          /* solids: > 0 */
+	double falloff;          /* solids: > 0; volume: > 0 if it holds signed
+	                          * distances, 0 if fields */
+	double s;                /* cauchy: the kernel's 1/width; radius[0]: where
+	                          * an endless segment's field is 0.5 */
+	struct volume *volume;   /* volume: what it samples */
 };
 
 /* The opcode that evaluates a primitive of this type. */
@@ -64,13 +74,15 @@ int primitive_prepare(const struct primitive *p,
 
 /*
  * The length over which p's field falls: the least support radius R of a soft
- * object, or a solid's falloff. Greater than 0. In the primitive's frame.
+ * object, a solid's falloff, a convolution's 1/s; a volume's falloff, or its
+ * least spacing. Greater than 0. In the primitive's frame.
  */
 double primitive_size(const struct primitive *p);
 
 /*
- * The field of a primitive opcode at x (within POINT_REACH), with derivatives
- * up to order (0, 1, 2; those beyond are 0). Every number is finite. From the
+ * The field of a primitive opcode but OP_VOLUME (volume_eval) at x (within
+ * POINT_REACH), with derivatives up to order (0, 1, 2; those beyond are 0).
+ * Every number is finite. But for convolutions (core/convolution.h): from the
  * rim of the support outwards, and from a solid's depth falloff inwards, all
  * derivatives are exactly 0.
  *
@@ -83,5 +95,12 @@ double primitive_size(const struct primitive *p);
  */
 void primitive_eval(OPCODE_UINT op, const double *params, struct vec3 x,
     int order, struct jet *out);
+
+/*
+ * A solid's field from its signed distance and the distance's derivatives;
+ * inv_fall is 1/falloff. *out is 0 before; derivatives beyond order stay so.
+ */
+void primitive_solid(const struct jet *distance, double inv_fall, int order,
+    struct jet *out);
 
 #endif

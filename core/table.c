@@ -490,6 +490,37 @@ void table_measure(const struct table *t, size_t first, size_t last,
 	}
 }
 
+void table_sample(enum operator_family family, const struct profile *profile,
+    size_t first, size_t last, double *g)
+{
+	for (size_t i = first; i < last; i++) {
+		struct operator_jet j;
+		double f[3];
+
+		sample_point(i, f);
+		operator_eval(family, profile, f[0], f[1], f[2], 0, &j);
+		g[i] = j.g;
+	}
+}
+
+double table_measure_g(const struct table *t, size_t first, size_t last,
+    const double *exact, double *sum)
+{
+	double most = 0.0;
+
+	for (size_t i = first; i < last; i++) {
+		struct operator_jet j;
+		double f[3], error;
+
+		sample_point(i, f);
+		table_lookup(t, f[0], f[1], f[2], 0, &j);
+		error = fabs(j.g - exact[i]);
+		most = fmax(most, error);
+		*sum += error;
+	}
+	return most;
+}
+
 /* Hoare's selection: x[rank] ends where sorting would put it. */
 static float select_rank(float *x, size_t count, size_t rank)
 {

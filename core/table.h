@@ -17,6 +17,13 @@
 #define TABLE_RESOLUTION_MIN 8
 #define TABLE_RESOLUTION_MAX 128
 
+/* The default nodes an axis of layout. */
+static inline int table_resolution(enum table_layout layout)
+{
+	return layout == LAYOUT_UNIFORM ? TABLE_RESOLUTION_UNIFORM :
+	    TABLE_RESOLUTION_WARPED;
+}
+
 /*
  * One operator family and profile, sampled. Filled by table_build; read-only
  * afterwards, by any number of threads.
@@ -79,6 +86,22 @@ void table_lookup(const struct table *t, double f1, double f2, double theta,
  */
 void table_measure(const struct table *t, size_t first, size_t last,
     float *errors, size_t stride);
+
+/*
+ * The exact g at points first..last-1 of the fixed sample, to g[first] and
+ * on: what several tables of one family and profile are measured against.
+ */
+void table_sample(enum operator_family family, const struct profile *profile,
+    size_t first, size_t last, double *g);
+
+/*
+ * The error of t in g alone over points first..last-1, of which exact is what
+ * table_sample gives: the largest absolute difference; their sum is added to
+ * *sum. The sample's beginnings are as evenly spread as the whole, so a bad
+ * table shows soon.
+ */
+double table_measure_g(const struct table *t, size_t first, size_t last,
+    const double *exact, double *sum);
 
 /* Sums up the first count points that table_measure wrote; permutes them. */
 void table_error_summarise(float *errors, size_t stride, size_t count,

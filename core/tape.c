@@ -16,7 +16,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/classic.h"
 #include "core/tree.h"
+#include "core/volume.h"
 
 /* The shortest and the longest fall-off of the fields below a node. */
 struct extent {
@@ -46,6 +48,7 @@ struct path {
 	const struct path *up;
 	const struct node *node;
 	size_t depth;
+	unsigned warps; /* on the way, node included */
 };
 
 struct compiler {
@@ -57,16 +60,20 @@ struct compiler {
 	size_t measure_count, measure_max;
 	struct slot *slots; /* slot_count of them, a power of two, or none */
 	size_t slot_count;
-	size_t insn_max, param_max, operator_max;
-	struct affine frame; /* that the last FRAME set */
+	size_t insn_max, param_max, operator_max, volume_max;
+	bool framed;         /* the point is that of the last FRAME, */
+	struct affine frame; /* which set this */
+	struct vec3 color;   /* that the last COLOR set */
 	size_t stack;        /* jets held at this point of the tape */
 };
 
-/* Where a node is written to: the world seen from its parent's frame, and
- * the angle-dependent compositions above it. */
+/* Where a node is written to: the base (the world, or the nearest warp's
+ * image of it) seen from its parent's frame, the angle-dependent compositions
+ * above it, and the colour that it inherits. */
 struct place {
 	struct affine frame;
 	unsigned extra;
+	struct vec3 color;
 };
 
 /* Makes room for count more elements of size bytes after the first used. */
@@ -143,6 +150,27 @@ static enum err check_cycle(struct compiler *c, const struct path *path)
 	return ERR_OK;
 }
 
+/* A volume's falloff fits what it samples. */
+static enum err check_volume(struct compiler *c, const struct node *node)
+{
+	const struct volume *v = node->primitive.volume;
+	double falloff = node->primitive.falloff;
+
+	if (!v->is_distance && falloff != 0.0)
+		return refuse(c, ERR_INVALID, node,
+		    "its volume holds field values, which take no falloff");
+	if (!v->is_distance)
+		return ERR_OK;
+	if (!(falloff > 0.0))
+		return refuse(c, ERR_INVALID, node,
+		    "its volume holds distances, which need a falloff");
+	if (v->least_edge < falloff)
+		return refuse(c, ERR_INVALID, node,
+		    "its volume's edge comes within %.6g of the surface, less "
+		    "than its falloff %.6g", v->least_edge, falloff);
+	return ERR_OK;
+}
+
 static enum err begin_measure(struct compiler *c, const struct path *path)
 {
 	enum err ret;
@@ -155,6 +183,10 @@ static enum err begin_measure(struct compiler *c, const struct path *path)
 		return refuse(c, ERR_LIMIT, path->node,
 		    "nested more than %d deep, following refs",
 		    TAPE_NESTING_MAX);
+	if (path->warps > TAPE_WARPS_MAX)
+		return refuse(c, ERR_LIMIT, path->node,
+		    "more than %d warps within each other, following refs",
+		    TAPE_WARPS_MAX);
 	ret = reserve(&c->measures, &c->measure_max, c->measure_count, 1,
 	    sizeof(*c->measures));
 	if (ret == ERR_OK)
@@ -201,26 +233,71 @@ static enum err measure_children(struct compiler *c, const struct path *path,
 	return ERR_OK;
 }
 
+static enum err measure_primitive(struct compiler *c,
+    const struct node *node, size_t place, struct extent *e)
+{
+	enum err ret = ERR_OK;
+
+	if (node->primitive.type == PRIMITIVE_VOLUME)
+		ret = check_volume(c, node);
+	if (ret != ERR_OK)
+		return ret;
+	e->least = e->most = primitive_size(&node->primitive);
+	c->measures[place].need = 1;
+	return ERR_OK;
+}
+
+/* The one node that a ref or a warp has below. */
+static enum err measure_below(struct compiler *c, const struct path *path,
+    const struct node *below, size_t place, struct extent *e)
+{
+	enum err ret = measure_node(c, below, path, e);
+
+	if (ret == ERR_OK)
+		c->measures[place].need = c->measures[place + 1].need;
+	return ret;
+}
+
+/* A warp takes points to its child's space: lengths there over its stretch. */
+static enum err measure_warp(struct compiler *c, const struct path *path,
+    size_t place, struct extent *e)
+{
+	const struct node *node = path->node;
+	double least, most;
+	enum err ret = measure_below(c, path, node->children[0], place, e);
+
+	if (ret != ERR_OK)
+		return ret;
+	warp_stretch(&node->warp, &least, &most);
+	e->least /= most;
+	e->most /= least;
+	return ERR_OK;
+}
+
 /* Measures node and all below it; *e: in its parent's frame. */
 static enum err measure_node(struct compiler *c, const struct node *node,
     const struct path *up, struct extent *e)
 {
-	struct path path = {up, node, up ? up->depth + 1 : 1};
+	struct path path = {up, node, up ? up->depth + 1 : 1,
+	    (up ? up->warps : 0) + (node->type == NODE_WARP)};
 	size_t place = c->measure_count;
 	enum err ret = begin_measure(c, &path);
 
 	if (ret != ERR_OK)
 		return ret;
-	if (node->type == NODE_PRIMITIVE) {
-		e->least = e->most = primitive_size(&node->primitive);
-		c->measures[place].need = 1;
-	} else if (node->type == NODE_REF) {
+	switch (node->type) {
+	case NODE_PRIMITIVE:
+		ret = measure_primitive(c, node, place, e);
+		break;
+	case NODE_REF:
 		ret = check_cycle(c, &path);
 		if (ret == ERR_OK)
-			ret = measure_node(c, node->target, &path, e);
-		if (ret == ERR_OK)
-			c->measures[place].need = c->measures[place + 1].need;
-	} else {
+			ret = measure_below(c, &path, node->target, place, e);
+		break;
+	case NODE_WARP:
+		ret = measure_warp(c, &path, place, e);
+		break;
+	default:
 		ret = measure_children(c, &path, place, e);
 	}
 	if (ret == ERR_OK)
@@ -270,16 +347,36 @@ static bool affine_equal(const struct affine *a, const struct affine *b)
 	return true;
 }
 
+#define FRAME_PARAMS 12
+
+static void put_frame(const struct affine *frame,
+    double params[static FRAME_PARAMS])
+{
+	memcpy(params, frame->a, sizeof(frame->a));
+	memcpy(params + 9, frame->t, sizeof(frame->t));
+}
+
 static enum err emit_frame(struct compiler *c, const struct place *place)
 {
-	double params[12];
+	double params[FRAME_PARAMS];
 
-	if (affine_equal(&c->frame, &place->frame))
+	if (c->framed && affine_equal(&c->frame, &place->frame))
 		return ERR_OK;
 	c->frame = place->frame;
-	memcpy(params, c->frame.a, sizeof(c->frame.a));
-	memcpy(params + 9, c->frame.t, sizeof(c->frame.t));
-	return emit(c, OP_FRAME, place->extra, params, 12, 0);
+	c->framed = true;
+	put_frame(&c->frame, params);
+	return emit(c, OP_FRAME, place->extra, params, FRAME_PARAMS, 0);
+}
+
+static enum err emit_color(struct compiler *c, const struct place *place)
+{
+	const double rgb[3] = {place->color.x, place->color.y, place->color.z};
+
+	if (c->color.x == rgb[0] && c->color.y == rgb[1] &&
+	    c->color.z == rgb[2])
+		return ERR_OK;
+	c->color = place->color;
+	return emit(c, OP_COLOR, place->extra, rgb, 3, 0);
 }
 
 /* After a node whose frame is not its parent's; moving it changes nothing. */
@@ -301,19 +398,45 @@ static void push_jet(struct compiler *c)
 		c->tape->stack_depth = c->stack;
 }
 
+/* The tape's index for v, which is held if it is new. */
+static enum err intern_volume(struct compiler *c, struct volume *v,
+    size_t *index)
+{
+	struct tape *t = c->tape;
+	enum err ret;
+
+	for (size_t i = t->volume_count; i-- > 0; )
+		if (t->volumes[i] == v) {
+			*index = i;
+			return ERR_OK;
+		}
+	ret = reserve(&t->volumes, &c->volume_max, t->volume_count, 1,
+	    sizeof(struct volume *));
+	if (ret != ERR_OK)
+		return ret;
+	*index = t->volume_count;
+	t->volumes[t->volume_count++] = volume_hold(v);
+	return ERR_OK;
+}
+
 static enum err emit_primitive(struct compiler *c, const struct node *node,
     const struct place *place)
 {
 	double params[PRIMITIVE_PARAMS_MAX];
 	int count = primitive_prepare(&node->primitive, params);
+	size_t index = 0;
 	enum err ret = emit_frame(c, place);
 
+	if (ret == ERR_OK)
+		ret = emit_color(c, place);
+	if (ret == ERR_OK && node->primitive.type == PRIMITIVE_VOLUME)
+		ret = intern_volume(c, node->primitive.volume, &index);
 	if (ret != ERR_OK)
 		return ret;
 	c->tape->primitive_count++;
 	push_jet(c);
 	return emit(c, primitive_opcode(node->primitive.type), place->extra,
-	    params, (size_t)count, 0);
+	    params, (size_t)count, index);
 }
 
 static uint64_t hash_numbers(uint64_t hash, const double *numbers,
@@ -335,10 +458,10 @@ static uint64_t hash_numbers(uint64_t hash, const double *numbers,
 static uint64_t hash_operator(const struct operator *op,
     enum operator_family family)
 {
-	const double kinds[5] = {family, op->layout, op->resolution,
-	    op->profile.type, op->profile.type == PROFILE_BULGE
+	const double kinds[6] = {family, op->layout, op->resolution,
+	    op->draft, op->profile.type, op->profile.type == PROFILE_BULGE
 	    ? op->profile.k : 0.0};
-	uint64_t hash = hash_numbers(0, kinds, 5);
+	uint64_t hash = hash_numbers(0, kinds, 6);
 
 	hash = hash_numbers(hash, op->opening.alpha, 3);
 	hash = hash_numbers(hash, op->opening.theta, 3);
@@ -357,7 +480,7 @@ static bool operator_equal(const struct operator *a, const struct operator *b,
     enum operator_family family)
 {
 	return a->family == family && a->layout == b->layout &&
-	    a->resolution == b->resolution &&
+	    a->resolution == b->resolution && a->draft == b->draft &&
 	    opening_equal(&a->opening, &b->opening) &&
 	    profile_equal(&a->profile, &b->profile);
 }
@@ -434,11 +557,22 @@ static enum err intern_operator(struct compiler *c, const struct operator *op,
 /* What one composition node emits between its operands. */
 struct fold {
 	unsigned op, op_swapped;
-	size_t operator_index;
-	double param;
+	size_t index;
+	double params[CLASSIC_PARAMS_MAX];
 	size_t param_count;
 	unsigned steps; /* orders each pair asks of its operands: 0 or 1 */
 };
+
+static void prepare_classic(const struct node *node, struct fold *out)
+{
+	int family = node->type == NODE_UNION ? CLASSIC_UNION
+	    : node->type == NODE_INTERSECTION ? CLASSIC_INTERSECTION
+	    : CLASSIC_DIFFERENCE;
+
+	*out = (struct fold){.op = OP_CLASSIC, .op_swapped = OP_CLASSIC_SWAPPED,
+	    .index = node->classic->type, .param_count = CLASSIC_PARAMS_MAX};
+	classic_prepare(node->classic, family, out->params);
+}
 
 static enum err prepare_fold(struct compiler *c, const struct node *node,
     size_t place, struct fold *out)
@@ -451,26 +585,32 @@ static enum err prepare_fold(struct compiler *c, const struct node *node,
 		[NODE_DIFFERENCE] = {OP_MINUS, OP_DIFFERENCE},
 		[NODE_SUM] = {OP_SUM, OP_SUM},
 		[NODE_RICCI] = {OP_RICCI, OP_RICCI},
+		[NODE_CONVOLUTION] = {OP_SUM, OP_SUM},
 	};
-	bool arithmetic = node->type == NODE_SUM || node->type == NODE_RICCI;
+	bool arithmetic = node->type == NODE_SUM ||
+	    node->type == NODE_RICCI || node->type == NODE_CONVOLUTION;
 	bool sharp = arithmetic || node->sharp;
 
+	if (!sharp && node->classic) {
+		prepare_classic(node, out);
+		return ERR_OK;
+	}
 	*out = (struct fold){.op = sharp ? ops[node->type].sharp
 	    : ops[node->type].blended};
 	/* the others are symmetric */
 	out->op_swapped = out->op == OP_MINUS ? OP_MINUS_SWAPPED
 	    : out->op == OP_DIFFERENCE ? OP_DIFFERENCE_SWAPPED : out->op;
 	if (node->type == NODE_RICCI) {
-		out->param = node->n;
+		out->params[0] = node->n;
 		out->param_count = 1;
 	}
 	if (sharp || node->child_count < 2)
 		return ERR_OK;
-	out->param = c->null_gradient / c->measures[place].most;
+	out->params[0] = c->null_gradient / c->measures[place].most;
 	out->param_count = 1;
 	out->steps = opening_is_constant(&node->op->opening) ? 0 : 1;
 	return intern_operator(c, node->op, node->type == NODE_UNION
-	    ? FAMILY_UNION : FAMILY_INTERSECTION, &out->operator_index);
+	    ? FAMILY_UNION : FAMILY_INTERSECTION, &out->index);
 }
 
 static enum err emit_node(struct compiler *c, const struct node *node,
@@ -481,7 +621,7 @@ static enum err emit_pair(struct compiler *c, const struct fold *fold,
 {
 	c->stack--;
 	return emit(c, swapped ? fold->op_swapped : fold->op, extra,
-	    &fold->param, fold->param_count, fold->operator_index);
+	    fold->params, fold->param_count, fold->index);
 }
 
 /* Child i of node, whose fold is given, with m its measures' place. */
@@ -532,6 +672,29 @@ static enum err emit_children(struct compiler *c, const struct node *node,
 	return ret;
 }
 
+/* ENTER, the child on a base of its own, LEAVE. */
+static enum err emit_warp(struct compiler *c, const struct node *node,
+    size_t place, const struct place *at)
+{
+	struct place below = *at;
+	double params[FRAME_PARAMS + WARP_PARAMS_MAX];
+	const size_t count = FRAME_PARAMS + WARP_PARAMS_MAX;
+	enum err ret;
+
+	put_frame(&at->frame, params);
+	warp_prepare(&node->warp, params + FRAME_PARAMS);
+	ret = emit(c, OP_ENTER, at->extra, params, count, node->warp.type);
+	if (ret != ERR_OK)
+		return ret;
+	below.frame = affine_identity();
+	c->framed = false;
+	ret = emit_node(c, node->children[0], place + 1, &below);
+	if (ret != ERR_OK)
+		return ret;
+	c->framed = false;
+	return emit(c, OP_LEAVE, at->extra, params, count, node->warp.type);
+}
+
 static enum err emit_node(struct compiler *c, const struct node *node,
     size_t place, const struct place *parent)
 {
@@ -539,6 +702,8 @@ static enum err emit_node(struct compiler *c, const struct node *node,
 	struct affine inverse;
 	enum err ret;
 
+	if (node->has_color)
+		at.color = node->color;
 	if (node->has_transform) {
 		affine_invert(&node->transform, &inverse);
 		at.frame = affine_compose(&inverse, &parent->frame);
@@ -547,6 +712,8 @@ static enum err emit_node(struct compiler *c, const struct node *node,
 		ret = emit_primitive(c, node, &at);
 	else if (node->type == NODE_REF)
 		ret = emit_node(c, node->target, place + 1, &at);
+	else if (node->type == NODE_WARP)
+		ret = emit_warp(c, node, place, &at);
 	else
 		ret = emit_children(c, node, place, &at);
 	if (ret == ERR_OK && node->has_transform)
@@ -556,7 +723,8 @@ static enum err emit_node(struct compiler *c, const struct node *node,
 
 static enum err compile(struct compiler *c, const struct tree *tree)
 {
-	struct place world = {affine_identity(), 0};
+	const double gray = TREE_COLOR_DEFAULT;
+	struct place world = {affine_identity(), 0, {gray, gray, gray}};
 	struct extent e;
 	enum err ret = measure_node(c, tree->root, NULL, &e);
 
@@ -565,7 +733,9 @@ static enum err compile(struct compiler *c, const struct tree *tree)
 	if (c->measures[0].need > TAPE_STACK_MAX)
 		return refuse(c, ERR_LIMIT, tree->root,
 		    "needs a stack of more than %d fields", TAPE_STACK_MAX);
+	c->framed = true;
 	c->frame = world.frame;
+	c->color = world.color;
 	c->tape->node_count = c->measure_count;
 	return emit_node(c, tree->root, 0, &world);
 }
@@ -594,6 +764,9 @@ void tape_free(struct tape *t)
 {
 	if (!t)
 		return;
+	for (size_t i = 0; i < t->volume_count; i++)
+		volume_release(t->volumes[i]);
+	free(t->volumes);
 	free(t->insns);
 	free(t->params);
 	free(t->operators);

@@ -13,6 +13,7 @@
 
 struct node;
 struct tree;
+struct volume;
 
 /* The deepest a tree may nest, following refs (a document of its own nests 64
  * deep): bounds the recursion of compiling. */
@@ -26,6 +27,9 @@ struct tape {
 	size_t param_count;
 	struct operator *operators; /* distinct ones; insn.index points here */
 	size_t operator_count;
+	struct volume **volumes;    /* distinct ones, each held; OP_VOLUME's
+	                             * index points here */
+	size_t volume_count;
 	size_t node_count;          /* nodes after expanding refs */
 	size_t primitive_count;
 	size_t stack_depth;         /* jets held at once, <= TAPE_STACK_MAX */
@@ -33,7 +37,7 @@ struct tape {
 
 /* Where and why a tree could not be compiled. */
 struct tape_error {
-	const struct node *node;
+	const struct node *node; /* NULL: the whole of it */
 	char detail[160];
 };
 
@@ -43,9 +47,11 @@ struct tape_error {
  *
  * max_nodes bounds the nodes after expansion (> 0), and also the work of
  * compiling. On success *out is the caller's, to be freed with tape_free.
- * ERR_LIMIT: more nodes than max_nodes, or nested deeper than TAPE_NESTING_MAX.
- * ERR_INVALID: a ref that reaches itself, a singular transform, or a length
- * (primitive_size) outside TREE_LENGTH_MIN..MAX in some frame.
+ * ERR_LIMIT: more nodes than max_nodes, nested deeper than TAPE_NESTING_MAX,
+ * or more than TAPE_WARPS_MAX warps within each other. ERR_INVALID: a ref that
+ * reaches itself, a singular transform, a length (primitive_size) outside
+ * TREE_LENGTH_MIN..MAX in some frame, or a volume whose falloff does not fit
+ * what it samples (struct volume's least_edge).
  * Both fill *error. ERR_MEMORY does not.
  */
 enum err tape_compile(const struct tree *tree, size_t max_nodes,

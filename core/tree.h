@@ -11,7 +11,9 @@
 
 #include "core/affine.h"
 #include "core/primitive.h"
+#include "core/warp.h"
 
+struct classic;
 struct operator;
 
 #define NODE_ID_MAX 64
@@ -23,6 +25,8 @@ enum node_type {
 	NODE_DIFFERENCE,
 	NODE_SUM,
 	NODE_RICCI,
+	NODE_CONVOLUTION, /* a sum, whose children are PRIMITIVE_CAUCHY_* */
+	NODE_WARP,        /* of its one child */
 	NODE_REF,
 	NODE_TYPE_COUNT
 };
@@ -39,11 +43,18 @@ struct node {
 	const struct operator *op;   /* the same three, when not sharp, else NULL;
 	                              * nodes may share it: its family is not
 	                              * read, but follows from type */
+	const struct classic *classic; /* the same three: instead of op, or NULL */
 	double n;                    /* RICCI */
-	struct node **children;      /* compositions: count >= 1 */
+	struct warp warp;            /* WARP */
+	bool has_color;              /* else its parent's, or the default one */
+	struct vec3 color;           /* linear RGB, each in [0, 1] */
+	struct node **children;      /* compositions: count >= 1; warps: 1 */
 	size_t child_count;
 	const struct node *target;   /* REF: the node it instances */
 };
+
+/* The colour of what has none and is below nothing that has (linear RGB). */
+#define TREE_COLOR_DEFAULT 0.8
 
 /* Default of struct tree's null_gradient. */
 #define TREE_NULL_GRADIENT 1e-2

@@ -53,4 +53,26 @@ static inline double vec3_norm(struct vec3 a)
 	return sqrt(vec3_dot(a, a));
 }
 
+/* a / |a| for any a but 0, however large or small. */
+static inline struct vec3 vec3_unit(struct vec3 a)
+{
+	double most = fmax(fabs(a.x), fmax(fabs(a.y), fabs(a.z)));
+
+	a = vec3(a.x / most, a.y / most, a.z / most);
+	return vec3_scale(1.0 / vec3_norm(a), a);
+}
+
+/* Three numbers in a row. */
+static inline struct vec3 vec3_get(const double *p)
+{
+	return vec3(p[0], p[1], p[2]);
+}
+
+static inline void vec3_put(double *p, struct vec3 a)
+{
+	p[0] = a.x;
+	p[1] = a.y;
+	p[2] = a.z;
+}
+
 #endif

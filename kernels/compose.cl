@@ -4,44 +4,6 @@
  * beyond is neither read nor written. The result replaces the first operand.
  */
 
-/*
- * What a jet is held within before products are formed of it, so that none
- * overflows and so no NaN arises. Trees keep their lengths within
- * TREE_LENGTH_MIN..MAX, so gradients stay under about 1e10 and Hessians under
- * 1e20 times the weights: this bites only beyond any sensible document.
- */
-#define LIMIT_VALUE 1e18f
-#define LIMIT_GRADIENT 1e13f
-#define LIMIT_HESSIAN 1e30f
-#define LIMIT_COSINE 1e12f
-
-/* NaN becomes -most. */
-static inline struct vec3r vec3r_limit(struct vec3r a, float most)
-{
-	return vec3r(real_clamp(a.x, REAL(-most), REAL(most)),
-	    real_clamp(a.y, REAL(-most), REAL(most)),
-	    real_clamp(a.z, REAL(-most), REAL(most)));
-}
-
-static inline struct sym3r sym3r_limit(struct sym3r a, float most)
-{
-	real least = REAL(-most), top = REAL(most);
-
-	return sym3r(real_clamp(a.xx, least, top),
-	    real_clamp(a.yy, least, top), real_clamp(a.zz, least, top),
-	    real_clamp(a.xy, least, top), real_clamp(a.xz, least, top),
-	    real_clamp(a.yz, least, top));
-}
-
-static inline void jetr_limit(struct jetr *a, int order)
-{
-	a->value = real_clamp(a->value, REAL(0.0f), REAL(LIMIT_VALUE));
-	if (order >= 1)
-		a->gradient = vec3r_limit(a->gradient, LIMIT_GRADIENT);
-	if (order >= 2)
-		a->hessian = sym3r_limit(a->hessian, LIMIT_HESSIAN);
-}
-
 /* a where m holds, b elsewhere. */
 static inline void compose_pick(struct jetr *a, const struct jetr *b, mask m,
     int order)
@@ -314,4 +276,106 @@ static void compose_blend(TABLE_ARGS, __global const float *openings,
 	compose_chain(a, b, &o, order);
 	if (!desc->is_constant)
 		compose_turn(a, first, b->gradient, &o, &angle, order);
+}
+
+/* An operator without angles (core/classic.h), by the chain rule. */
+static void compose_classic(uint op, uint type, __global const float *p,
+    struct jetr *a, struct jetr *b, int order)
+{
+	struct opjet o, swapped;
+
+	jetr_limit(a, order);
+	jetr_limit(b, order);
+	if (op == OP_CLASSIC) {
+		classic_eval(type, p, a->value, b->value, order, &o);
+	} else {
+		classic_eval(type, p, b->value, a->value, order, &swapped);
+		o = swapped;
+		o.g1 = swapped.g2;
+		o.g2 = swapped.g1;
+		o.g11 = swapped.g22;
+		o.g22 = swapped.g11;
+	}
+	compose_chain(a, b, &o, order);
+}
+
+/* --- colours: the rule is in core/evaluate.h ------------------------------ */
+
+#define COLOR_LEAST 1e-6f
+
+/* The greatest power of a ricci's shares. */
+#define COLOR_POWER_MAX 8.0f
+
+/* (a + e) / (a + b + 2e) */
+static inline real color_share(real a, real b, real e)
+{
+	return (a + e) / (a + b + 2.0f * e);
+}
+
+/* With s^n of all three, s = 1 / max(1, a, b), so that none overflows. */
+static real color_share_ricci(real a, real b, float n)
+{
+	real s = 1.0f / real_max(REAL(1.0f), real_max(a, b));
+	real A = exp2(n * log2(real_max(a * s, REAL(1e-12f))));
+	real B = exp2(n * log2(real_max(b * s, REAL(1e-12f))));
+
+	return color_share(A, B, COLOR_LEAST * exp2(n * log2(s)));
+}
+
+/* The first field's share of what an operator of this family gives. */
+static real color_share_family(int family, real a, real b)
+{
+	real A = real_max(1.0f - a, REAL(0.0f));
+	real B = real_max(1.0f - b, REAL(0.0f));
+
+	if (family == CLASSIC_UNION)
+		return color_share(a * a, b * b, REAL(COLOR_LEAST));
+	if (family == CLASSIC_INTERSECTION)
+		return color_share(A * A, B * B, REAL(COLOR_LEAST));
+	return (A * A + COLOR_LEAST) / (A * A + b * b + COLOR_LEAST);
+}
+
+static int color_family(uint op, __global const float *p)
+{
+	switch (op) {
+	case OP_MAX:
+	case OP_UNION:
+		return CLASSIC_UNION;
+	case OP_MIN:
+	case OP_INTERSECTION:
+		return CLASSIC_INTERSECTION;
+	case OP_CLASSIC:
+	case OP_CLASSIC_SWAPPED:
+		return (int)p[0];
+	default:
+		return CLASSIC_DIFFERENCE;
+	}
+}
+
+/*
+ * Mixes the colours of two operands, before they are composed, into the first
+ * one's place.
+ */
+static void compose_colors(uint op, __global const float *p,
+    const struct jetr *first, const struct jetr *second, struct vec3r *color,
+    const struct vec3r *other)
+{
+	int swapped = op == OP_MINUS_SWAPPED || op == OP_CLASSIC_SWAPPED ||
+	    op == OP_DIFFERENCE_SWAPPED;
+	real most = REAL(LIMIT_VALUE), least = REAL(0.0f), w;
+	real a = real_clamp(swapped ? second->value : first->value, least,
+	    most);
+	real b = real_clamp(swapped ? first->value : second->value, least,
+	    most);
+
+	if (op == OP_SUM)
+		w = color_share(a, b, REAL(COLOR_LEAST));
+	else if (op == OP_RICCI)
+		w = color_share_ricci(a, b, min(p[0], COLOR_POWER_MAX));
+	else
+		w = color_share_family(color_family(op, p), a, b);
+	w = real_min(w, REAL(1.0f)); /* quotients err by 2.5 ulp */
+	if (swapped)
+		w = 1.0f - w;
+	*color = vec3r_axpy(1.0f - w, *other, vec3r_scale(w, *color));
 }

@@ -10,9 +10,7 @@
 #include "kernels/source.h"
 
 #define TABLE_BYTES ((size_t)256 << 20)
-
-/* Floats of the widest row: value, gradient and Hessian. */
-#define ROW_FLOATS 10
+#define VOLUME_BYTES ((size_t)256 << 20)
 
 /*
  * Work-items of a work-group. A processor's take BLOCK_CPU * width points each,
@@ -98,26 +96,39 @@ static enum err create_queue(struct device *d)
 	return ERR_OK;
 }
 
-static enum err create_kernel(struct device *d)
+/* The kernel of interpreter.cl, with all or without what it may do without. */
+static enum err create_kernel(struct device *d, enum device_kernel which)
 {
 	char options[96];
 	cl_int code;
 	enum err err;
 
 	snprintf(options, sizeof(options), "-cl-std=CL1.2 -DWIDTH=%d "
-	    "-DBLOCK=%d%s", d->info.width, d->block,
+	    "-DBLOCK=%d -DWHOLE=%d%s", d->info.width, d->block,
+	    which == DEVICE_WHOLE,
 	    d->info.tables_are_images ? " -DTABLES_IMAGE" : "");
 	err = device_build(d->context, d->id, kernels_source, options,
-	    &d->program, &d->failure);
+	    d->programs + which, &d->failure);
 	if (err)
 		return err;
-	d->kernel = clCreateKernel(d->program, "evaluate", &code);
-	if (!d->kernel)
+	d->kernels[which] = clCreateKernel(d->programs[which], "evaluate",
+	    &code);
+	if (!d->kernels[which])
 		return device_fail(&d->failure, "clCreateKernel", code);
 	return ERR_OK;
 }
 
-/* PoCL compiles a kernel at its first launch: a unit ball at one point. */
+static enum err create_kernels(struct device *d)
+{
+	enum err err = create_kernel(d, DEVICE_PLAIN);
+
+	return err ? err : create_kernel(d, DEVICE_WHOLE);
+}
+
+/*
+ * PoCL compiles a kernel at its first launch: a unit ball at one point, without
+ * and with a colour.
+ */
 static enum err warm_up(struct device *d)
 {
 	struct insn insn = {OP_SPHERE, 0, 0, 0};
@@ -127,12 +138,15 @@ static enum err warm_up(struct device *d)
 		.node_count = 1, .stack_depth = 1};
 	const float point[3] = {1.0f, 0.0f, 0.0f};
 	struct device_tape *t;
-	float value = 0.0f;
+	float value = 0.0f, row[OUTPUT_ROW_MAX];
 	enum err err = device_load_tape(d, &tape, NULL, &t);
 
 	if (err)
 		return err;
 	err = device_evaluate(d, t, point, 1, OUTPUT_VALUE, &value, NULL, NULL);
+	if (!err)
+		err = device_evaluate(d, t, point, 1, OUTPUT_COLOR, row, NULL,
+		    NULL);
 	device_drop_tape(d, t);
 	if (!err && value != 0.5f)
 		return device_refuse(&d->failure, ERR_DEVICE, "the device "
@@ -168,14 +182,18 @@ static enum err open_device(struct device *d,
 	if (!err)
 		err = create_queue(d);
 	if (!err)
-		err = create_kernel(d);
+		err = create_kernels(d);
 	if (!err)
 		err = create_buffer(d, d->staged_points * 3, &d->points);
 	if (!err)
-		err = create_buffer(d, d->staged_points * ROW_FLOATS, &d->rows);
+		err = create_buffer(d, d->staged_points * OUTPUT_ROW_MAX,
+		    &d->rows);
 	if (!err)
 		err = device_store_init(d, options->table_bytes ?
 		    options->table_bytes : TABLE_BYTES);
+	if (!err)
+		err = device_volumes_init(d, options->volume_bytes ?
+		    options->volume_bytes : VOLUME_BYTES);
 	if (!err)
 		err = warm_up(d);
 	return err;
@@ -206,14 +224,17 @@ void device_close(struct device *d)
 	if (!d)
 		return;
 	device_store_fini(&d->tables);
+	device_volumes_fini(&d->volumes);
 	if (d->rows)
 		clReleaseMemObject(d->rows);
 	if (d->points)
 		clReleaseMemObject(d->points);
-	if (d->kernel)
-		clReleaseKernel(d->kernel);
-	if (d->program)
-		clReleaseProgram(d->program);
+	for (int i = 0; i < DEVICE_KERNEL_COUNT; i++) {
+		if (d->kernels[i])
+			clReleaseKernel(d->kernels[i]);
+		if (d->programs[i])
+			clReleaseProgram(d->programs[i]);
+	}
 	if (d->queue)
 		clReleaseCommandQueue(d->queue);
 	if (d->context)

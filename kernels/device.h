@@ -32,6 +32,7 @@ struct device_options {
 	int width;                 /* points a work-item: 1 2 4 8 16; 0 chooses */
 	enum device_tables tables;
 	size_t table_bytes;        /* most for operator tables; 0: 256 MiB */
+	size_t volume_bytes;       /* most for volumes; 0: 256 MiB */
 };
 
 struct device_info {
@@ -100,8 +101,10 @@ enum err device_load_table(struct device *d, const struct table *table,
 void device_drop_table(struct device *d, int slot);
 
 /*
- * Uploads a tape. slots[i] is the resident table of tape->operators[i]; they
- * stay resident while the result lives. The tape may be freed afterwards.
+ * Uploads a tape. slots[i] is the resident table of tape->operators[i]; its
+ * profile, family and layout are the operator's, its resolution may differ.
+ * They stay resident while the result lives; so do the tape's volumes, which
+ * are made resident. The tape may be freed afterwards.
  * ERR_DEVICE_MEMORY, ERR_DEVICE, ERR_MEMORY. ERR_INVALID: a tape that
  * tape_compile would not make, or a slot that does not suit its operator.
  */

@@ -23,6 +23,12 @@ struct piece {
 	size_t count;
 };
 
+/* A kernel with a tape's arguments set, and which argument is next. */
+struct launch {
+	cl_kernel kernel;
+	cl_uint next;
+};
+
 static size_t min_size(size_t a, size_t b)
 {
 	return a < b ? a : b;
@@ -48,46 +54,57 @@ static void set(cl_kernel kernel, cl_uint *index, size_t size,
 		*code = failed;
 }
 
+static cl_kernel choose(const struct device *d, const struct device_tape *t,
+    unsigned outputs)
+{
+	return d->kernels[t->is_plain && !(outputs & OUTPUT_COLOR) ?
+	    DEVICE_PLAIN : DEVICE_WHOLE];
+}
+
 /* In the order of the kernel `evaluate`, but for its last two. */
 static enum err set_tape(struct device *d, const struct device_tape *t,
-    unsigned outputs, cl_uint *next)
+    unsigned outputs, struct launch *out)
 {
 	const struct device_store *tables = &d->tables;
-	cl_uint mask = outputs;
+	cl_kernel kernel = choose(d, t, outputs);
+	cl_uint mask = outputs, *next = &out->next;
 	cl_int code = 0;
 
-	*next = 0;
+	*out = (struct launch){.kernel = kernel};
 	if (tables->are_images) {
-		set(d->kernel, next, sizeof(cl_mem), &tables->first, &code);
-		set(d->kernel, next, sizeof(cl_mem), &tables->second, &code);
+		set(kernel, next, sizeof(cl_mem), &tables->first, &code);
+		set(kernel, next, sizeof(cl_mem), &tables->second, &code);
 	} else {
-		set(d->kernel, next, sizeof(cl_mem), &tables->arena.buffer,
+		set(kernel, next, sizeof(cl_mem), &tables->arena.buffer,
 		    &code);
 	}
-	set(d->kernel, next, sizeof(cl_mem), &tables->arena.buffer, &code);
-	set(d->kernel, next, sizeof(cl_mem), &t->openings, &code);
-	set(d->kernel, next, sizeof(cl_mem), &t->descs, &code);
-	set(d->kernel, next, sizeof(cl_mem), &t->insns, &code);
-	set(d->kernel, next, sizeof(t->insn_count), &t->insn_count, &code);
-	set(d->kernel, next, sizeof(cl_mem), &t->params, &code);
-	set(d->kernel, next, sizeof(mask), &mask, &code);
+	set(kernel, next, sizeof(cl_mem), &tables->arena.buffer, &code);
+	set(kernel, next, sizeof(cl_mem), &t->openings, &code);
+	set(kernel, next, sizeof(cl_mem), &t->descs, &code);
+	set(kernel, next, sizeof(cl_mem), &t->insns, &code);
+	set(kernel, next, sizeof(t->insn_count), &t->insn_count, &code);
+	set(kernel, next, sizeof(cl_mem), &t->params, &code);
+	set(kernel, next, sizeof(cl_mem), &d->volumes.arena.buffer, &code);
+	set(kernel, next, sizeof(cl_mem), &t->volumes, &code);
+	set(kernel, next, sizeof(mask), &mask, &code);
 	if (code != CL_SUCCESS)
 		return device_fail(&d->failure, "clSetKernelArg", code);
 	return ERR_OK;
 }
 
-/* Queues the kernel over count points, whole work-groups, of two buffers. */
-static enum err launch(struct device *d, cl_uint next, cl_mem points,
-    cl_mem rows, size_t count)
+/* Queues l over count points, whole work-groups, of two buffers. */
+static enum err launch(struct device *d, const struct launch *l,
+    cl_mem points, cl_mem rows, size_t count)
 {
+	cl_uint next = l->next;
 	size_t items = count / d->item_points;
 	cl_int code = CL_SUCCESS;
 
-	set(d->kernel, &next, sizeof(points), &points, &code);
-	set(d->kernel, &next, sizeof(rows), &rows, &code);
+	set(l->kernel, &next, sizeof(points), &points, &code);
+	set(l->kernel, &next, sizeof(rows), &rows, &code);
 	if (code != CL_SUCCESS)
 		return device_fail(&d->failure, "clSetKernelArg", code);
-	code = clEnqueueNDRangeKernel(d->queue, d->kernel, 1, NULL, &items,
+	code = clEnqueueNDRangeKernel(d->queue, l->kernel, 1, NULL, &items,
 	    &d->group, 0, NULL, NULL);
 	if (code != CL_SUCCESS)
 		return device_fail(&d->failure, "clEnqueueNDRangeKernel", code);
@@ -119,7 +136,7 @@ static enum err await_rows(struct device *d, cl_mem rows, size_t size,
 }
 
 /* A piece of whole work-groups in the caller's own memory. */
-static enum err run_shared(struct device *d, cl_uint next,
+static enum err run_shared(struct device *d, const struct launch *l,
     const struct piece *piece, size_t stride)
 {
 	size_t row_size = piece->count * stride * sizeof(float);
@@ -137,7 +154,7 @@ static enum err run_shared(struct device *d, cl_uint next,
 	if (!rows)
 		err = device_fail(&d->failure, "clCreateBuffer", code);
 	if (!err)
-		err = launch(d, next, points, rows, piece->count);
+		err = launch(d, l, points, rows, piece->count);
 	if (!err)
 		err = await_rows(d, rows, row_size, NULL);
 	if (rows)
@@ -170,7 +187,7 @@ static enum err write_points(struct device *d, const struct piece *piece,
 }
 
 /* A piece of at most d->staged_points, by way of the device's buffers. */
-static enum err run_staged(struct device *d, cl_uint next,
+static enum err run_staged(struct device *d, const struct launch *l,
     const struct piece *piece, size_t stride)
 {
 	size_t group = d->group_points;
@@ -178,7 +195,7 @@ static enum err run_staged(struct device *d, cl_uint next,
 	enum err err = write_points(d, piece, padded);
 
 	if (!err)
-		err = launch(d, next, d->points, d->rows, padded);
+		err = launch(d, l, d->points, d->rows, padded);
 	if (!err)
 		err = await_rows(d, d->rows,
 		    piece->count * stride * sizeof(float), piece->rows);
@@ -191,13 +208,13 @@ enum err device_evaluate(struct device *d, struct device_tape *t,
 {
 	size_t stride = (size_t)output_row_floats(outputs);
 	size_t most = piece_points(d, t), whole;
+	struct launch l;
 	enum err err;
-	cl_uint next;
 
 	if (outputs == 0 || outputs > OUTPUT_ALL)
 		return device_refuse(&d->failure, ERR_INVALID,
 		    "there are no outputs %#x", outputs);
-	err = set_tape(d, t, outputs, &next);
+	err = set_tape(d, t, outputs, &l);
 	for (size_t done = 0; !err && done < count;) {
 		struct piece piece = {points + done * 3, rows + done * stride,
 			min_size(most, count - done)};
@@ -208,10 +225,10 @@ enum err device_evaluate(struct device *d, struct device_tape *t,
 		whole = piece.count - piece.count % d->group_points;
 		if (d->shares_memory && piece.count > d->staged_points) {
 			piece.count = whole;
-			err = run_shared(d, next, &piece, stride);
+			err = run_shared(d, &l, &piece, stride);
 		} else {
 			piece.count = min_size(piece.count, d->staged_points);
-			err = run_staged(d, next, &piece, stride);
+			err = run_staged(d, &l, &piece, stride);
 		}
 		done += piece.count;
 	}

@@ -13,6 +13,8 @@
 #include "core/profile.h"
 #include "kernels/device.h"
 
+struct volume;
+
 /* A stretch of an arena, in floats. */
 struct device_span {
 	size_t at, size;
@@ -51,14 +53,36 @@ struct device_store {
 	size_t bytes, most;
 };
 
+/* A volume on the device, while tapes use it. */
+struct device_volume {
+	uint64_t serial;          /* struct volume's */
+	size_t holds;             /* tapes that use it */
+	struct device_span span;
+};
+
+/* The coefficients of volumes, one after the other in one buffer. */
+struct device_volumes {
+	struct device_arena arena;
+	bool is_made; /* the arena's buffer; one of a few bytes stands in */
+	struct device_volume *list;
+	size_t count, capacity;
+};
+
+/* What kernels/interpreter.cl is built as. */
+enum device_kernel {
+	DEVICE_PLAIN, /* the faster: without what its WHOLE names */
+	DEVICE_WHOLE,
+	DEVICE_KERNEL_COUNT
+};
+
 struct device {
 	struct device_info info;
 	struct device_failure failure;
 	cl_device_id id;
 	cl_context context;
 	cl_command_queue queue;
-	cl_program program;
-	cl_kernel kernel;
+	cl_program programs[DEVICE_KERNEL_COUNT];
+	cl_kernel kernels[DEVICE_KERNEL_COUNT];
 	size_t group;          /* work-items of a work-group */
 	int block;             /* vectors of points of a work-item */
 	size_t item_points;    /* points of a work-item, of a work-group */
@@ -67,11 +91,16 @@ struct device {
 	size_t staged_points;  /* what the two buffers below hold */
 	cl_mem points, rows;
 	struct device_store tables;
+	struct device_volumes volumes;
 };
 
 struct device_tape {
 	cl_mem insns, params, descs, openings;
+	cl_mem volumes;           /* uint: where in the arena each begins */
+	uint64_t *volume_serials; /* of the volumes it holds */
+	size_t volume_count;
 	uint32_t insn_count;
+	bool is_plain; /* of instructions that DEVICE_PLAIN knows */
 };
 
 /* device_failure.c */
@@ -118,5 +147,18 @@ void device_store_fini(struct device_store *t);
 bool device_arena_take(struct device_arena *arena, size_t size,
     struct device_span *out);
 void device_arena_give(struct device_arena *arena, struct device_span span);
+
+
+/* device_volume.c */
+
+/* A buffer of that many bytes for volumes. */
+enum err device_volumes_init(struct device *d, size_t bytes);
+void device_volumes_fini(struct device_volumes *v);
+
+/* Makes v resident, if it is not, and counts one more tape that uses it; *first
+ * is where its coefficients begin, in floats. ERR_DEVICE_MEMORY: no room. */
+enum err device_volume_hold(struct device *d, const struct volume *v,
+    uint32_t *first);
+void device_volume_release(struct device *d, uint64_t serial);
 
 #endif

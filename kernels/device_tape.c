@@ -4,9 +4,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/classic.h"
+#include "core/convolution.h"
 #include "core/curve.h"
 #include "core/opening_table.h"
 #include "core/tape.h"
+#include "core/volume.h"
+#include "core/warp.h"
 
 #define OPENING_FLOATS (OPENING_TABLE_COUNT * CURVE_NODE)
 
@@ -16,6 +20,12 @@ static const unsigned char param_counts[OP_COUNT] = {
 	[OP_POINT] = 6, [OP_SEGMENT] = 11, [OP_TRIANGLE] = 12, [OP_DISC] = 10,
 	[OP_CIRCLE] = 10, [OP_SPHERE] = 5, [OP_BOX] = 8, [OP_CYLINDER] = 9,
 	[OP_CAPSULE] = 9, [OP_CONE] = 10, [OP_TORUS] = 9, [OP_PLANE] = 7,
+	[OP_COLOR] = 3, [OP_ENTER] = 12 + WARP_PARAMS_MAX,
+	[OP_LEAVE] = 12 + WARP_PARAMS_MAX,
+	[OP_CAUCHY_POINT] = 5, [OP_CAUCHY_SEGMENT] = 9,
+	[OP_CAUCHY_TRIANGLE] = CAUCHY_TRIANGLE_PARAMS, [OP_VOLUME] = 10,
+	[OP_CLASSIC] = CLASSIC_PARAMS_MAX,
+	[OP_CLASSIC_SWAPPED] = CLASSIC_PARAMS_MAX,
 	[OP_RICCI] = 1, [OP_UNION] = 1, [OP_INTERSECTION] = 1,
 	[OP_DIFFERENCE] = 1, [OP_DIFFERENCE_SWAPPED] = 1,
 };
@@ -23,8 +33,22 @@ static const unsigned char param_counts[OP_COUNT] = {
 /* Jets an instruction takes off the stack and puts on it. */
 static void stack_use(uint32_t op, size_t *takes, size_t *puts)
 {
-	*takes = op >= OP_MAX ? 2 : op == OP_CARRY ? 1 : 0;
-	*puts = op == OP_FRAME ? 0 : 1;
+	bool replaces = op == OP_CARRY || op == OP_LEAVE;
+
+	*takes = op >= OP_MAX ? 2 : replaces;
+	*puts = op >= OP_PRIMITIVES || replaces;
+}
+
+/* How many things of its kind an opcode's index may name. */
+static size_t index_count(const struct tape *tape, uint32_t op)
+{
+	if (op >= OP_UNION)
+		return tape->operator_count;
+	if (op >= OP_CLASSIC)
+		return CLASSIC_TYPE_COUNT;
+	if (op == OP_VOLUME)
+		return tape->volume_count;
+	return op == OP_ENTER || op == OP_LEAVE ? WARP_TYPE_COUNT : SIZE_MAX;
 }
 
 static const char *insn_fault(const struct tape *tape, const struct insn *insn)
@@ -37,8 +61,8 @@ static const char *insn_fault(const struct tape *tape, const struct insn *insn)
 	if (insn->param >= tape->param_count ||
 	    tape->param_count - insn->param < param_counts[insn->op])
 		return "reads parameters beyond the last";
-	if (insn->op >= OP_UNION && insn->index >= tape->operator_count)
-		return "uses an operator that is not there";
+	if (insn->index >= index_count(tape, insn->op))
+		return "uses an operator, a warp or a volume that is not there";
 	return NULL;
 }
 
@@ -52,51 +76,96 @@ static unsigned operand_extra(const struct tape *tape, const struct insn *insn)
 	return extra > 2 ? 2 : extra;
 }
 
+/* What a tape's check keeps of the instructions before. */
+struct walk {
+	unsigned extra[TAPE_STACK_MAX]; /* of each jet on the stack */
+	size_t depth;
+	uint32_t warps[TAPE_WARPS_MAX]; /* the types of those entered */
+	size_t entered;
+};
+
+/* Follows one instruction over the stack of jets. */
+static const char *walk_jets(struct walk *w, const struct tape *tape,
+    const struct insn *insn)
+{
+	size_t takes, puts;
+
+	stack_use(insn->op, &takes, &puts);
+	if (w->depth < takes)
+		return "finds too few jets on the stack";
+	if (w->depth - takes + puts > TAPE_STACK_MAX)
+		return "finds the stack full";
+	for (size_t k = 0; k < takes; k++)
+		if (w->extra[w->depth - 1 - k] < operand_extra(tape, insn))
+			return "needs more derivatives than its operands have";
+	w->depth += puts - takes;
+	if (puts > 0)
+		w->extra[w->depth - 1] = insn->extra;
+	return NULL;
+}
+
+/* And over the warps entered. */
+static const char *walk_warps(struct walk *w, const struct insn *insn)
+{
+	if (insn->op == OP_ENTER) {
+		if (w->entered == TAPE_WARPS_MAX)
+			return "enters too many warps";
+		w->warps[w->entered++] = insn->index;
+	} else if (insn->op == OP_LEAVE) {
+		if (w->entered == 0 || w->warps[--w->entered] != insn->index)
+			return "leaves a warp that it is not in";
+	}
+	return NULL;
+}
+
 /*
  * A kernel checks nothing, and one access out of bounds would kill the
  * process: so every tape is checked, though tape_compile makes only good ones.
  */
 static enum err check(struct device *d, const struct tape *tape)
 {
-	unsigned extra[TAPE_STACK_MAX];
-	size_t depth = 0, takes, puts;
+	struct walk w = {.depth = 0};
 
 	for (size_t i = 0; i < tape->insn_count; i++) {
 		const char *fault = insn_fault(tape, tape->insns + i);
 
-		if (!fault) {
-			stack_use(tape->insns[i].op, &takes, &puts);
-			if (depth < takes)
-				fault = "finds too few jets on the stack";
-			else if (depth - takes + puts > TAPE_STACK_MAX)
-				fault = "finds the stack full";
-			for (size_t k = 0; !fault && k < takes; k++)
-				if (extra[depth - 1 - k] <
-				    operand_extra(tape, tape->insns + i))
-					fault = "needs more derivatives than "
-					    "its operands have";
-		}
+		if (!fault)
+			fault = walk_jets(&w, tape, tape->insns + i);
+		if (!fault)
+			fault = walk_warps(&w, tape->insns + i);
 		if (fault)
 			return device_refuse(&d->failure, ERR_INVALID,
 			    "instruction %zu of the tape %s", i, fault);
-		depth += puts - takes;
-		if (puts > 0)
-			extra[depth - 1] = tape->insns[i].extra;
 	}
-	if (depth != 1)
+	if (w.depth != 1 || w.entered != 0)
 		return device_refuse(&d->failure, ERR_INVALID,
-		    "the tape leaves %zu jets on the stack, not 1", depth);
+		    "the tape leaves %zu jets on the stack, not 1, and is in "
+		    "%zu warps", w.depth, w.entered);
 	if (tape->insn_count > UINT32_MAX || tape->param_count > UINT32_MAX)
 		return device_refuse(&d->failure, ERR_INVALID,
 		    "the tape is longer than 32 bits can count");
 	return ERR_OK;
 }
 
+/* Whether DEVICE_PLAIN knows an instruction, or may pass it over. */
+static bool is_plain(uint32_t op)
+{
+	return op <= OP_COLOR || (op >= OP_POINT && op <= OP_PLANE) ||
+	    (op >= OP_MAX && op <= OP_RICCI) || op >= OP_UNION;
+}
+
+static bool all_plain(const struct tape *tape)
+{
+	for (size_t i = 0; i < tape->insn_count; i++)
+		if (!is_plain(tape->insns[i].op))
+			return false;
+	return true;
+}
+
 static bool suits(const struct device_slot *slot, const struct operator *op)
 {
 	return slot->desc.family == (uint32_t)op->family &&
 	    slot->desc.layout == (uint32_t)op->layout &&
-	    slot->desc.resolution == (uint32_t)op->resolution &&
 	    profile_equal(&slot->profile, &op->profile);
 }
 
@@ -225,6 +294,29 @@ out:
 	return err;
 }
 
+/* Has every volume of the tape on the device, and lists where. */
+static enum err create_volumes(struct device *d, const struct tape *tape,
+    struct device_tape *t)
+{
+	size_t count = tape->volume_count;
+	uint32_t *firsts = calloc(count + 1, sizeof(*firsts));
+	enum err err = ERR_OK;
+
+	t->volume_serials = calloc(count + 1, sizeof(*t->volume_serials));
+	if (!firsts || !t->volume_serials)
+		err = device_out_of_memory(&d->failure);
+	for (size_t i = 0; !err && i < count; i++) {
+		err = device_volume_hold(d, tape->volumes[i], firsts + i);
+		if (!err)
+			t->volume_serials[t->volume_count++] =
+			    tape->volumes[i]->serial;
+	}
+	if (!err)
+		err = create(d, firsts, count * sizeof(*firsts), &t->volumes);
+	free(firsts);
+	return err;
+}
+
 enum err device_load_tape(struct device *d, const struct tape *tape,
     const int *slots, struct device_tape **out)
 {
@@ -240,12 +332,15 @@ enum err device_load_tape(struct device *d, const struct tape *tape,
 	if (!t)
 		return device_out_of_memory(&d->failure);
 	t->insn_count = (uint32_t)tape->insn_count;
+	t->is_plain = all_plain(tape);
 	err = create(d, tape->insns, tape->insn_count * sizeof(*tape->insns),
 	    &t->insns);
 	if (!err)
 		err = create_params(d, tape, &t->params);
 	if (!err)
 		err = create_operators(d, tape, slots, t);
+	if (!err)
+		err = create_volumes(d, tape, t);
 	if (err) {
 		device_drop_tape(d, t);
 		return err;
@@ -262,9 +357,12 @@ static void release(cl_mem buffer)
 
 void device_drop_tape(struct device *d, struct device_tape *t)
 {
-	(void)d;
 	if (!t)
 		return;
+	for (size_t i = 0; i < t->volume_count; i++)
+		device_volume_release(d, t->volume_serials[i]);
+	free(t->volume_serials);
+	release(t->volumes);
 	release(t->insns);
 	release(t->params);
 	release(t->descs);

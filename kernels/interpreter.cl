@@ -7,6 +7,18 @@
 #endif
 
 /*
+ * Whether there may be warps, volumes, convolutions, classic operators, or
+ * colours asked for. Without these the compiler keeps more in registers: three
+ * blended segments take 0.75 of the time, mixed trees 0.8 to 1.
+ */
+#ifndef WHOLE
+#define WHOLE 1
+#endif
+
+/* TREE_COLOR_DEFAULT: what primitives have before any OP_COLOR. */
+#define COLOR_DEFAULT 0.8f
+
+/*
  * p, or if it is out of reach the point on its ray that is not. POINT_REACH
  * says why.
  */
@@ -58,6 +70,41 @@ static void carry(__global const float *a, struct jetr *f, int order)
 		f->hessian = sym3r(p.x, q.y, r.z, p.y, p.z, q.z);
 	}
 	jetr_limit(f, order);
+}
+
+/* The base that a warp's child sees: W(A b + t). */
+static struct vec3r enter_warp(uint type, __global const float *p,
+    struct vec3r base)
+{
+	return draw_in(warp_point(type, p + 12, enter_frame(p, base)));
+}
+
+/* f, of the base within a warp, to the frame of its node. */
+static void leave_warp(uint type, __global const float *p, struct vec3r base,
+    struct jetr *f, int order)
+{
+	if (order == 0)
+		return;
+	jetr_limit(f, order);
+	warp_carry(type, p + 12, enter_frame(p, base), f, order);
+	jetr_limit(f, order);
+}
+
+/* An element of a convolution surface. */
+static void convolution_eval(uint op, __global const float *p, struct vec3r x,
+    int order, struct jetr *out)
+{
+	switch (op) {
+	case OP_CAUCHY_POINT:
+		cauchy_point(p, x, order, out);
+		break;
+	case OP_CAUCHY_SEGMENT:
+		cauchy_segment(p, x, order, out);
+		break;
+	default:
+		cauchy_triangle(p, x, order, out);
+		break;
+	}
 }
 
 /* The arithmetic compositions. */
@@ -125,7 +172,7 @@ static inline void store_columns(const real *column, int count,
 	for (int k = 0; k < count; k++)
 		row[k] = finite(column[k]);
 #else
-	float lane[10][WIDTH];
+	float lane[OUTPUT_ROW_MAX][WIDTH];
 
 	for (int k = 0; k < count; k++)
 		STORE(finite(column[k]), 0, lane[k]);
@@ -135,36 +182,64 @@ static inline void store_columns(const real *column, int count,
 #endif
 }
 
-static inline void store_rows(const struct jetr *f, uint outputs,
-    __global float *row)
+static inline int put_vector(struct vec3r v, real *column)
 {
-	real column[10];
+	column[0] = v.x;
+	column[1] = v.y;
+	column[2] = v.z;
+	return 3;
+}
+
+static inline int put_hessian(const struct sym3r *h, real *column)
+{
+	column[0] = h->xx;
+	column[1] = h->yy;
+	column[2] = h->zz;
+	column[3] = h->xy;
+	column[4] = h->xz;
+	column[5] = h->yz;
+	return 6;
+}
+
+/* Normal and curvature, of the jet's products: within limits. Their count. */
+static int put_surface(struct jetr f, uint outputs, real *column)
+{
+	int count = 0;
+
+	jetr_limit(&f, output_order(outputs));
+	if (outputs & OUTPUT_NORMAL)
+		count += put_vector(surface_normal(&f), column);
+	if (outputs & OUTPUT_CURVATURE) {
+		surface_curvature(&f, column + count, column + count + 1);
+		count += 2;
+	}
+	return count;
+}
+
+/* color is read if it is asked for; rounding may have left it over 1. */
+static inline void store_rows(const struct jetr *f, const struct vec3r *color,
+    uint outputs, __global float *row)
+{
+	real column[OUTPUT_ROW_MAX];
 	int count = 0;
 
 	if (outputs == (OUTPUT_VALUE | OUTPUT_GRADIENT)) {
 		/* The commonest, so that the counts are constants. */
 		column[0] = f->value;
-		column[1] = f->gradient.x;
-		column[2] = f->gradient.y;
-		column[3] = f->gradient.z;
+		put_vector(f->gradient, column + 1);
 		store_columns(column, 4, row);
 		return;
 	}
 	if (outputs & OUTPUT_VALUE)
 		column[count++] = f->value;
-	if (outputs & OUTPUT_GRADIENT) {
-		column[count++] = f->gradient.x;
-		column[count++] = f->gradient.y;
-		column[count++] = f->gradient.z;
-	}
-	if (outputs & OUTPUT_HESSIAN) {
-		column[count++] = f->hessian.xx;
-		column[count++] = f->hessian.yy;
-		column[count++] = f->hessian.zz;
-		column[count++] = f->hessian.xy;
-		column[count++] = f->hessian.xz;
-		column[count++] = f->hessian.yz;
-	}
+	if (outputs & OUTPUT_GRADIENT)
+		count += put_vector(f->gradient, column + count);
+	if (outputs & OUTPUT_HESSIAN)
+		count += put_hessian(&f->hessian, column + count);
+	if (outputs & OUTPUT_COLOR)
+		count += put_vector(vec3r_limit(*color, 1.0f), column + count);
+	if (outputs & (OUTPUT_NORMAL | OUTPUT_CURVATURE))
+		count += put_surface(*f, outputs, column + count);
 	store_columns(column, count, row);
 }
 
@@ -193,31 +268,42 @@ static inline void add_point(__global const float *p, struct vec3r x,
  * Every work-item evaluates BLOCK times WIDTH points, so that the instructions'
  * decoding is shared and independent arithmetic overlaps. The host pads points
  * and rows to whole work-groups, and has checked the tape: nothing here does.
+ * Colours are mixed where they are asked for only.
  */
 __kernel void evaluate(TABLE_ARGS, __global const float *openings,
     __global const struct operator_desc *descs,
     __global const struct insn *insns, uint insn_count,
-    __global const float *params, uint outputs,
+    __global const float *params, __global const float *volumes,
+    __global const uint *volume_firsts, uint outputs,
     __global const float *points, __global float *rows)
 {
 	size_t first = get_global_id(0) * (BLOCK * WIDTH);
 	uint stride = (uint)output_row_floats(outputs);
 	int root_order = output_order(outputs);
-	struct vec3r world[BLOCK], x[BLOCK];
+	int colored = WHOLE && (outputs & OUTPUT_COLOR) != 0;
+	struct vec3r bases[BLOCK][TAPE_WARPS_MAX + 1], x[BLOCK];
 	struct jetr stack[BLOCK][TAPE_STACK_MAX];
-	uint top = 0;
+	struct vec3r colors[BLOCK][TAPE_STACK_MAX];
+	struct vec3r color = vec3r(REAL(COLOR_DEFAULT), REAL(COLOR_DEFAULT),
+	    REAL(COLOR_DEFAULT));
+	uint top = 0, base = 0;
 
 	for (int b = 0; b < BLOCK; b++) {
-		world[b] = draw_in(load_points(points +
+		bases[b][0] = draw_in(load_points(points +
 		    (first + b * WIDTH) * 3));
-		x[b] = world[b];
+		x[b] = bases[b][0];
 	}
 	for (uint i = 0; i < insn_count; i++) {
 		struct insn insn = insns[i];
 		__global const float *p = params + insn.param;
 		int order = min(root_order + (int)insn.extra, 2);
 
-		if (adds_point(insns, i, insn_count - 1, params, order)) {
+		for (int b = 0; b < BLOCK && colored && insn.op >= OP_MAX; b++)
+			compose_colors(insn.op, p, &stack[b][top - 2],
+			    &stack[b][top - 1], &colors[b][top - 2],
+			    &colors[b][top - 1]);
+		if (!colored &&
+		    adds_point(insns, i, insn_count - 1, params, order)) {
 			for (int b = 0; b < BLOCK && order == 0; b++)
 				add_point(p, x[b], 0, &stack[b][top - 1]);
 			for (int b = 0; b < BLOCK && order == 1; b++)
@@ -225,19 +311,47 @@ __kernel void evaluate(TABLE_ARGS, __global const float *openings,
 			i++;
 		} else if (insn.op == OP_FRAME) {
 			for (int b = 0; b < BLOCK; b++)
-				x[b] = enter_frame(p, world[b]);
+				x[b] = enter_frame(p,
+				    bases[b][WHOLE ? base : 0]);
 		} else if (insn.op == OP_CARRY) {
 			for (int b = 0; b < BLOCK; b++)
 				carry(p, &stack[b][top - 1], order);
+		} else if (insn.op == OP_COLOR) {
+			color = vec3r_load(p);
+		} else if (WHOLE && insn.op == OP_ENTER) {
+			for (int b = 0; b < BLOCK; b++)
+				bases[b][base + 1] = enter_warp(insn.index, p,
+				    bases[b][base]);
+			base++;
+		} else if (WHOLE && insn.op == OP_LEAVE) {
+			base--;
+			for (int b = 0; b < BLOCK; b++)
+				leave_warp(insn.index, p, bases[b][base],
+				    &stack[b][top - 1], order);
 		} else if (insn.op < OP_MAX) {
 			for (int b = 0; b < BLOCK; b++)
-				primitive_eval(insn.op, p, x[b], order,
-				    &stack[b][top]);
+				if (WHOLE && insn.op == OP_VOLUME)
+					volume_eval(volumes +
+					    volume_firsts[insn.index], p, x[b],
+					    order, &stack[b][top]);
+				else if (WHOLE && insn.op >= OP_CAUCHY_POINT)
+					convolution_eval(insn.op, p, x[b],
+					    order, &stack[b][top]);
+				else
+					primitive_eval(insn.op, p, x[b], order,
+					    &stack[b][top]);
+			for (int b = 0; b < BLOCK && colored; b++)
+				colors[b][top] = color;
 			top++;
-		} else if (insn.op < OP_UNION) {
+		} else if (insn.op < OP_CLASSIC) {
 			top--;
 			for (int b = 0; b < BLOCK; b++)
 				compose_plain(insn.op, p[0],
+				    &stack[b][top - 1], &stack[b][top], order);
+		} else if (WHOLE && insn.op < OP_UNION) {
+			top--;
+			for (int b = 0; b < BLOCK; b++)
+				compose_classic(insn.op, insn.index, p,
 				    &stack[b][top - 1], &stack[b][top], order);
 		} else {
 			top--;
@@ -248,6 +362,6 @@ __kernel void evaluate(TABLE_ARGS, __global const float *openings,
 		}
 	}
 	for (int b = 0; b < BLOCK; b++)
-		store_rows(&stack[b][0], outputs, rows +
+		store_rows(&stack[b][0], &colors[b][0], outputs, rows +
 		    (first + b * WIDTH) * stride);
 }

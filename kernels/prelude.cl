@@ -179,3 +179,41 @@ static inline struct sym3r sym3r_select(struct sym3r no, struct sym3r yes,
 	    SELECT(no.zz, yes.zz, m), SELECT(no.xy, yes.xy, m),
 	    SELECT(no.xz, yes.xz, m), SELECT(no.yz, yes.yz, m));
 }
+
+/*
+ * What a jet is held within before products are formed of it, so that none
+ * overflows and so no NaN arises. Trees keep their lengths within
+ * TREE_LENGTH_MIN..MAX, so gradients stay under about 1e10 and Hessians under
+ * 1e20 times the weights: this bites only beyond any sensible document.
+ */
+#define LIMIT_VALUE 1e18f
+#define LIMIT_GRADIENT 1e13f
+#define LIMIT_HESSIAN 1e30f
+#define LIMIT_COSINE 1e12f
+
+/* NaN becomes -most. */
+static inline struct vec3r vec3r_limit(struct vec3r a, float most)
+{
+	return vec3r(real_clamp(a.x, REAL(-most), REAL(most)),
+	    real_clamp(a.y, REAL(-most), REAL(most)),
+	    real_clamp(a.z, REAL(-most), REAL(most)));
+}
+
+static inline struct sym3r sym3r_limit(struct sym3r a, float most)
+{
+	real least = REAL(-most), top = REAL(most);
+
+	return sym3r(real_clamp(a.xx, least, top),
+	    real_clamp(a.yy, least, top), real_clamp(a.zz, least, top),
+	    real_clamp(a.xy, least, top), real_clamp(a.xz, least, top),
+	    real_clamp(a.yz, least, top));
+}
+
+static inline void jetr_limit(struct jetr *a, int order)
+{
+	a->value = real_clamp(a->value, REAL(0.0f), REAL(LIMIT_VALUE));
+	if (order >= 1)
+		a->gradient = vec3r_limit(a->gradient, LIMIT_GRADIENT);
+	if (order >= 2)
+		a->hessian = sym3r_limit(a->hessian, LIMIT_HESSIAN);
+}

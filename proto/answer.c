@@ -17,9 +17,9 @@
 /* A number and its comma; a row's brackets and comma. */
 #define NUMBER_ROOM (NUMBER_FLOAT_MAX + 1)
 #define ROW_ROOM 3
-/* {"count":N and the names of all outputs, with brackets, and what printing
+/* {"count":N,"draft":true and the names of all outputs, with brackets, and what printing
  * writes behind the last number. */
-#define FRAME_ROOM 160
+#define FRAME_ROOM 256
 
 static const struct {
 	const char *name;
@@ -29,6 +29,9 @@ static const struct {
 	{"value", OUTPUT_VALUE, 1},
 	{"gradient", OUTPUT_GRADIENT, 3},
 	{"hessian", OUTPUT_HESSIAN, 6},
+	{"color", OUTPUT_COLOR, 3},
+	{"normal", OUTPUT_NORMAL, 3},
+	{"curvature", OUTPUT_CURVATURE, 2},
 };
 
 #define PARTS (sizeof parts / sizeof *parts)
@@ -92,7 +95,7 @@ static char *put_part(char *out, const struct rows *rows, int first,
 }
 
 enum err answer_json(const float *rows, size_t count, unsigned outputs,
-    bool flat, char **out, size_t *length)
+    unsigned flags, char **out, size_t *length)
 {
 	const struct rows all = {rows, count,
 	    (size_t)output_row_floats(outputs)};
@@ -104,7 +107,8 @@ enum err answer_json(const float *rows, size_t count, unsigned outputs,
 	text = room ? malloc(room) : NULL;
 	if (!text)
 		return ERR_MEMORY;
-	p = text + sprintf(text, "{\"count\":%zu", count);
+	p = text + sprintf(text, "{\"count\":%zu%s", count,
+	    flags & ANSWER_DRAFT ? ",\"draft\":true" : "");
 	for (i = 0; i < PARTS; i++) {
 		if (!(outputs & parts[i].bit))
 			continue;
@@ -112,7 +116,7 @@ enum err answer_json(const float *rows, size_t count, unsigned outputs,
 		p = put_text(p, parts[i].name);
 		p = put_text(p, "\":");
 		p = put_part(p, &all, first, parts[i].floats,
-		    parts[i].floats > 1 && !flat);
+		    parts[i].floats > 1 && !(flags & ANSWER_FLAT));
 		first += parts[i].floats;
 	}
 	*p++ = '}';

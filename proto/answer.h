@@ -12,15 +12,21 @@
 
 struct faults;
 
+/* Of answer_json. */
+enum answer_flag {
+	ANSWER_FLAT = 1, /* vectors are not nested */
+	ANSWER_DRAFT = 2 /* "draft": true, behind the count */
+};
+
 /*
  * {"count": N, "value": [...], "gradient": [[x,y,z], ...], "hessian": [...]}:
  * rows of output_row_floats(outputs) floats, all finite (NULL if there are
- * none), as a malloc'd string of *length bytes without a NUL. flat: gradients
- * and Hessians are flat arrays. Numbers are the shortest decimal that reads
+ * none), as a malloc'd string of *length bytes without a NUL. flags:
+ * ANSWER_*. Numbers are the shortest decimal that reads
  * back as the same float32. ERR_MEMORY.
  */
 enum err answer_json(const float *rows, size_t count, unsigned outputs,
-    bool flat, char **out, size_t *length);
+    unsigned flags, char **out, size_t *length);
 
 /* The header of an npy 1.0 file of shape (count, columns), '<f4', C order, to
  * out; returns its length, a multiple of 64. */

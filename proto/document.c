@@ -7,6 +7,7 @@
 #include <cjson/cJSON.h>
 
 #include "core/tape.h"
+#include "core/volume.h"
 #include "proto/document_reader.h"
 #include "proto/fault.h"
 
@@ -26,6 +27,7 @@ struct document {
 	const char *name;
 	struct tree tree;
 	struct tape *tape;
+	struct volume_list *volumes; /* each held */
 	bool has_operators;
 };
 
@@ -132,6 +134,7 @@ enum err document_from_json(const struct cJSON *json, const char *prefix,
 	r.arena = &document->arena;
 	r.tail = &r.first;
 	read_document(&r, &at, json, document);
+	document->volumes = r.volumes;
 	if (r.err == ERR_OK)
 		compile(&r, &at, document);
 	if (r.err != ERR_OK) {
@@ -170,6 +173,8 @@ void document_free(struct document *d)
 	if (!d)
 		return;
 	tape_free(d->tape);
+	for (const struct volume_list *v = d->volumes; v; v = v->next)
+		volume_release(v->volume);
 	arena_fini(&d->arena);
 	free(d);
 }

@@ -23,6 +23,7 @@ struct cJSON;
 struct document;
 struct faults;
 struct tape;
+struct volume;
 
 /* Nodes within nodes; deeper is ERR_LIMIT. */
 #define DOCUMENT_DEPTH_MAX 64
@@ -32,6 +33,10 @@ struct tape;
 struct document_limits {
 	size_t max_nodes;         /* after expanding refs */
 	enum table_layout layout; /* for operators that do not say */
+	/* The volume of that id, held for the caller, or NULL; may be NULL, for
+	 * where there are none. */
+	struct volume *(*volume)(void *ctx, const char *id);
+	void *volume_ctx;
 };
 
 /*

@@ -89,10 +89,6 @@ static void unknown_field(struct reader *r, const struct json_place *at,
 	int least = SLIPS_MAX + 1;
 	size_t s, i;
 
-	if (strcmp(name, "material") == 0) {
-		reader_fault(r, at, "'material' is not supported yet");
-		return;
-	}
 	for (s = 0; s < set_count; s++) {
 		for (i = 0; i < sets[s].count; i++)
 			consider(name, sets[s].fields[i].name, &best, &least);

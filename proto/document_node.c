@@ -11,6 +11,13 @@
 
 #define EXPONENT_DEFAULT 3.0
 #define RICCI_MAX 1000.0
+#define TAPER_MIN 1e-3
+#define TAPER_MAX 1e3
+#define TURN 6.283185307179586
+/* As of an opening's angles: 6.2832 means a full turn. */
+#define ANGLE_SLACK 1e-3
+/* Sine of the least angle between a bend's axis and its direction. */
+#define PARALLEL 1e-3
 
 #define AT(member) offsetof(struct item, node.member)
 #define COORDINATES .least = -TREE_COORDINATE_MAX, .most = TREE_COORDINATE_MAX
@@ -40,8 +47,33 @@
 	    .offset = AT(primitive.weight), .most = 1e6, \
 	    .has_fallback = true, .fallback = 1.0}
 
+#define COLOR \
+	{.name = "color", .read = field_vec3, .offset = AT(color), \
+	    .required = true, .most = 1.0}
+
+static const struct field material_fields[] = {
+	COLOR,
+};
+
+static void read_material(struct reader *r, const struct json_place *at,
+    const struct cJSON *value, const struct field *field, void *base)
+{
+	static const struct field_set set = FIELD_SET(material_fields);
+	struct item *item = base;
+
+	(void)field;
+	if (!cJSON_IsObject(value)) {
+		reader_fault(r, at, "must be an object, not %s",
+		    json_kind(value));
+		return;
+	}
+	item->node.has_color = true;
+	field_read_object(r, at, value, &set, 1, item);
+}
+
 static const struct field common_fields[] = {
 	{.name = "type"},
+	{.name = "material", .read = read_material},
 	{.name = "id", .read = field_id, .offset = AT(id)},
 	KEPT("translation", translation), KEPT("rotation", rotation),
 	KEPT("scale", scale), KEPT("matrix", matrix),
@@ -145,6 +177,98 @@ static const struct field ricci_fields[] = {
 	    .least = 1.0, .most = RICCI_MAX},
 };
 
+static void read_kernel(struct reader *r, const struct json_place *at,
+    const struct cJSON *value, const struct field *field, void *base)
+{
+	(void)field;
+	(void)base;
+	if (!cJSON_IsString(value) ||
+	    !text_equal(value->valuestring, "cauchy"))
+		reader_fault(r, at, "must be \"cauchy\"");
+}
+
+/* The volume of that id, which the document holds from now on. */
+static void read_volume(struct reader *r, const struct json_place *at,
+    const struct cJSON *value, const struct field *field, void *base)
+{
+	struct volume_list *entry;
+	struct item *item = base;
+	struct volume *volume = NULL;
+
+	(void)field;
+	if (!cJSON_IsString(value)) {
+		reader_fault(r, at, "must be a string, not %s",
+		    json_kind(value));
+		return;
+	}
+	entry = reader_alloc(r, 1, sizeof *entry);
+	if (!entry)
+		return;
+	if (r->limits->volume)
+		volume = r->limits->volume(r->limits->volume_ctx,
+		    value->valuestring);
+	if (!volume) {
+		reader_fault(r, at, "there is no volume '%.64s'",
+		    value->valuestring);
+		return;
+	}
+	*entry = (struct volume_list){r->volumes, volume};
+	r->volumes = entry;
+	item->node.primitive.volume = volume;
+}
+
+static const struct field volume_fields[] = {
+	{.name = "volume", .read = read_volume, .required = true},
+	{.name = "falloff", .read = field_number,
+	    .offset = AT(primitive.falloff), LENGTHS},
+};
+
+static const struct field convolution_fields[] = {
+	{.name = "s", .read = field_number, .offset = AT(primitive.s),
+	    LENGTHS},
+	{.name = "kernel", .read = read_kernel},
+	RADIUS,
+	{.name = "elements", .read = field_keep,
+	    .offset = offsetof(struct item, elements), .required = true},
+};
+
+#define CHILD \
+	{.name = "child", .read = field_keep, \
+	    .offset = offsetof(struct item, child), .required = true}
+#define WARP_AXIS \
+	{.name = "axis", .read = field_direction, .offset = AT(warp.axis), \
+	    .required = true, COORDINATES}, \
+	{.name = "center", .read = field_vec3, .offset = AT(warp.center), \
+	    COORDINATES}
+#define WARP_RATE \
+	{.name = "rate", .read = field_number, .offset = AT(warp.rate), \
+	    .required = true, COORDINATES}
+#define WARP_RANGE(required_) \
+	{.name = "from", .read = field_number, .offset = AT(warp.from), \
+	    .required = required_, COORDINATES}, \
+	{.name = "to", .read = field_number, .offset = AT(warp.to), \
+	    .required = required_, COORDINATES}
+
+/* The first two are told apart by their bits in check_twist. */
+static const struct field twist_fields[] = {
+	WARP_RANGE(false), WARP_AXIS, WARP_RATE, CHILD,
+};
+
+static const struct field taper_fields[] = {
+	WARP_RANGE(true), WARP_AXIS,
+	/* Not "scale", which every node has. */
+	{.name = "factor", .read = field_number, .offset = AT(warp.scale),
+	    .required = true, .least = TAPER_MIN, .most = TAPER_MAX},
+	CHILD,
+};
+
+static const struct field bend_fields[] = {
+	WARP_RANGE(true), WARP_AXIS, WARP_RATE,
+	{.name = "direction", .read = field_direction,
+	    .offset = AT(warp.direction), .required = true, COORDINATES},
+	CHILD,
+};
+
 static const struct field ref_fields[] = {
 	{.name = "ref", .read = field_id, .offset = offsetof(struct item, ref),
 	    .required = true},
@@ -182,6 +306,78 @@ static void check_box(struct reader *r, const struct json_place *at,
 	if (most > 0.0 && p->rounding > most)
 		reader_fault(r, &place, "must not exceed the least half_size, "
 		    "%.10g", most);
+}
+
+static void read_child(struct reader *r, const struct json_place *at,
+    struct item *item)
+{
+	const struct json_place place = json_member(at, "child");
+	struct node *node = &item->node;
+
+	if (!item->child)
+		return;
+	node->children = reader_alloc(r, 1, sizeof *node->children);
+	if (!node->children)
+		return;
+	node->child_count = 1;
+	node->children[0] = node_read(r, &place, item->child, node, 0);
+}
+
+/* from < to, if they were there. */
+static void check_range(struct reader *r, const struct json_place *at,
+    unsigned seen, struct warp *w)
+{
+	const struct json_place place = json_member(at, "to");
+
+	w->has_range = (seen & 3) == 3;
+	if (w->has_range && !(w->to - w->from >= TREE_LENGTH_MIN))
+		reader_fault(r, &place, "must exceed 'from' by at least %g",
+		    TREE_LENGTH_MIN);
+}
+
+static void check_twist(struct reader *r, const struct json_place *at,
+    const struct cJSON *object, unsigned seen, void *base)
+{
+	struct item *item = base;
+
+	(void)object;
+	item->node.warp.type = WARP_TWIST;
+	if ((seen & 3) == 1 || (seen & 3) == 2)
+		reader_fault(r, at, "needs both 'from' and 'to', or neither");
+	check_range(r, at, seen, &item->node.warp);
+	read_child(r, at, item);
+}
+
+static void check_taper(struct reader *r, const struct json_place *at,
+    const struct cJSON *object, unsigned seen, void *base)
+{
+	struct item *item = base;
+
+	(void)object;
+	item->node.warp.type = WARP_TAPER;
+	check_range(r, at, seen, &item->node.warp);
+	read_child(r, at, item);
+}
+
+static void check_bend(struct reader *r, const struct json_place *at,
+    const struct cJSON *object, unsigned seen, void *base)
+{
+	const struct json_place rate = json_member(at, "rate");
+	const struct json_place direction = json_member(at, "direction");
+	struct item *item = base;
+	struct warp *w = &item->node.warp;
+	const double angle = w->rate * (w->to - w->from);
+
+	(void)object;
+	w->type = WARP_BEND;
+	check_range(r, at, seen, w);
+	if (!(fabs(angle) <= TURN + ANGLE_SLACK))
+		reader_fault(r, &rate, "bends by %.6g radians from 'from' to "
+		    "'to', more than a full turn", angle);
+	if (vec3_norm(w->direction) > 0.0 && vec3_norm(w->axis) > 0.0 &&
+	    vec3_norm(vec3_cross(w->direction, w->axis)) < PARALLEL)
+		reader_fault(r, &direction, "must not be parallel to 'axis'");
+	read_child(r, at, item);
 }
 
 static void read_children(struct reader *r, const struct json_place *at,
@@ -225,9 +421,12 @@ static void read_blend(struct reader *r, const struct json_place *at,
 {
 	const struct json_place place = json_member(at, "operator");
 	struct item *item = base;
+	struct chosen chosen;
 
-	item->node.op = operator_read(r, &place, item->operator);
-	item->node.sharp = !item->node.op;
+	operator_read(r, &place, item->operator, item->node.type, &chosen);
+	item->node.sharp = chosen.sharp;
+	item->node.op = chosen.op;
+	item->node.classic = chosen.classic;
 	read_children(r, at, object, seen, base);
 }
 
@@ -256,6 +455,7 @@ static const struct variant nodes[] = {
 	PRIMITIVE("cone", cone_fields, PRIMITIVE_CONE, .check = NULL),
 	PRIMITIVE("torus", torus_fields, PRIMITIVE_TORUS, .check = NULL),
 	PRIMITIVE("plane", plane_fields, PRIMITIVE_PLANE, .check = NULL),
+	PRIMITIVE("volume", volume_fields, PRIMITIVE_VOLUME, .check = NULL),
 	OTHER("union", blend_fields, NODE_UNION, .check = read_blend),
 	OTHER("intersection", blend_fields, NODE_INTERSECTION,
 	    .check = read_blend),
@@ -263,53 +463,36 @@ static const struct variant nodes[] = {
 	    .check = read_blend),
 	OTHER("sum", sum_fields, NODE_SUM, .check = read_children),
 	OTHER("ricci", ricci_fields, NODE_RICCI, .check = read_children),
+	OTHER("convolution", convolution_fields, NODE_CONVOLUTION,
+	    .check = convolution_read),
+	OTHER("twist", twist_fields, NODE_WARP, .check = check_twist),
+	OTHER("taper", taper_fields, NODE_WARP, .check = check_taper),
+	OTHER("bend", bend_fields, NODE_WARP, .check = check_bend),
 	OTHER("ref", ref_fields, NODE_REF, .check = NULL),
 };
 
 #define NODE_VARIANTS (sizeof nodes / sizeof *nodes)
 
-static bool is_to_come(const struct cJSON *type)
+struct item *reader_add_items(struct reader *r, const struct json_place *at,
+    const struct node *parent, size_t count)
 {
-	static const char *const names[] = {"convolution", "twist", "taper",
-	    "bend"};
-	size_t i;
+	struct item *items;
 
-	for (i = 0; cJSON_IsString(type) &&
-	    i < sizeof names / sizeof *names; i++) {
-		if (text_equal(type->valuestring, names[i]))
-			return true;
-	}
-	return false;
-}
-
-static const struct variant *node_variant(struct reader *r,
-    const struct json_place *at, const struct cJSON *value)
-{
-	const struct json_place place = json_member(at, "type");
-	const cJSON *type = cJSON_GetObjectItemCaseSensitive(value, "type");
-
-	if (!is_to_come(type))
-		return field_variant(r, at, value, nodes, NODE_VARIANTS,
-		    "node");
-	reader_fault(r, &place, "'%s' is not supported yet",
-	    type->valuestring);
-	return NULL;
-}
-
-static struct item *add_item(struct reader *r, const struct json_place *at)
-{
-	struct item *item;
-
-	if (r->item_count == r->limits->max_nodes) {
+	if (count > r->limits->max_nodes - r->item_count) {
 		reader_limit(r, at, "more than %zu nodes",
 		    r->limits->max_nodes);
 		return NULL;
 	}
-	item = reader_alloc(r, 1, sizeof *item);
-	if (!item)
+	items = reader_alloc(r, count, sizeof *items);
+	if (!items)
 		return NULL;
-	r->item_count++;
-	return item;
+	r->item_count += count;
+	for (size_t i = 0; i < count; i++) {
+		items[i].node.type = NODE_PRIMITIVE;
+		items[i].node.parent = parent;
+		items[i].node.index = i;
+	}
+	return items;
 }
 
 /* Before its children, which come after it in the document. */
@@ -346,7 +529,8 @@ static void read_fields(struct reader *r, const struct json_place *at,
 struct node *node_read(struct reader *r, const struct json_place *at,
     const struct cJSON *value, const struct node *parent, size_t index)
 {
-	const struct variant *variant = node_variant(r, at, value);
+	const struct variant *variant = field_variant(r, at, value, nodes,
+	    NODE_VARIANTS, "node");
 	struct item *item;
 
 	if (!variant) {
@@ -358,11 +542,9 @@ struct node *node_read(struct reader *r, const struct json_place *at,
 		    DOCUMENT_DEPTH_MAX);
 		return NULL;
 	}
-	item = add_item(r, at);
+	item = reader_add_items(r, at, parent, 1);
 	if (!item)
 		return NULL;
-	item->node.type = NODE_PRIMITIVE;
-	item->node.parent = parent;
 	item->node.index = index;
 	r->depth++;
 	read_fields(r, at, value, variant, item);

@@ -3,6 +3,7 @@
 
 #include <cjson/cJSON.h>
 
+#include "core/classic.h"
 #include "core/table.h"
 #include "proto/document_reader.h"
 #include "proto/fault.h"
@@ -13,6 +14,7 @@
 /* pi/4 and pi rounded up to 3 or 4 decimals are still meant as such. */
 #define ANGLE_TOLERANCE 1e-3
 #define BULGE_DEFAULT 0.8
+#define LINES_DEFAULT (PI / 8.0)
 /*
  * Steeper, and the device's samples cannot follow the opening: values are off
  * by 6e-4 with intervals of 0.01 radians, by 9e-3 with 0.003.
@@ -26,6 +28,7 @@ static const struct opening clean = {
 
 /* What an operator's members are read into. */
 struct draft {
+	struct classic classic;
 	struct operator *op;
 	double k;
 	double alpha[3], theta[3], w[2];
@@ -263,12 +266,6 @@ static void read_opening(struct reader *r, const struct json_place *at,
 	}
 }
 
-static int default_resolution(enum table_layout layout)
-{
-	return layout == LAYOUT_UNIFORM ? TABLE_RESOLUTION_UNIFORM :
-	    TABLE_RESOLUTION_WARPED;
-}
-
 static void read_layout(struct reader *r, const struct json_place *at,
     const struct cJSON *value, const struct field *field, void *base)
 {
@@ -298,12 +295,130 @@ static void read_resolution(struct reader *r, const struct json_place *at,
 		reader_fault(r, at, "must be a whole number");
 }
 
-static const struct field operator_fields[] = {
+static void read_draft(struct reader *r, const struct json_place *at,
+    const struct cJSON *value, const struct field *field, void *base)
+{
+	struct draft *draft = base;
+
+	(void)field;
+	if (cJSON_IsBool(value))
+		draft->op->draft = cJSON_IsTrue(value);
+	else
+		reader_fault(r, at, "must be true or false, not %s",
+		    json_kind(value));
+}
+
+/* One angle for both boundary lines, or one each. */
+static void read_lines(struct reader *r, const struct json_place *at,
+    const struct cJSON *value, const struct field *field, void *base)
+{
+	struct draft *draft = base;
+	double *theta = draft->classic.p;
+	const double most = THETA_MAX + ANGLE_TOLERANCE;
+
+	(void)field;
+	if (cJSON_IsArray(value)) {
+		if (!field_numbers(r, at, value, 2, -ANGLE_TOLERANCE, most,
+		    theta))
+			return;
+	} else if (field_is_number(r, at, value, -ANGLE_TOLERANCE, most)) {
+		theta[0] = theta[1] = value->valuedouble;
+	}
+	theta[0] = fmin(fmax(theta[0], 0.0), THETA_MAX);
+	theta[1] = fmin(fmax(theta[1], 0.0), THETA_MAX);
+}
+
+static void default_lines(struct reader *r, const struct json_place *at,
+    const struct cJSON *object, unsigned seen, void *base)
+{
+	struct draft *draft = base;
+
+	(void)r;
+	(void)at;
+	(void)seen;
+	if (!cJSON_HasObjectItem(object, "theta"))
+		draft->classic.p[0] = draft->classic.p[1] = LINES_DEFAULT;
+}
+
+/* A number of struct classic: core/classic.h says which and why so far. */
+#define PARAMETER(name_, i, least_, most_, fallback_) \
+	{.name = name_, .read = field_number, \
+	    .offset = offsetof(struct draft, classic.p[i]), \
+	    .has_fallback = true, .least = least_, .most = most_, \
+	    .fallback = fallback_}
+
+static const struct field gradient_fields[] = {
+	{.name = "type"},
 	{.name = "profile", .read = read_profile},
 	{.name = "opening", .read = read_opening},
 	{.name = "layout", .read = read_layout},
 	{.name = "resolution", .read = read_resolution},
+	{.name = "draft", .read = read_draft},
 };
+
+static const struct field super_elliptic_fields[] = {
+	{.name = "type"},
+	PARAMETER("r1", 0, 0.2, 1.0, 0.5),
+	PARAMETER("r2", 1, 0.2, 1.0, 0.5),
+	PARAMETER("t", 2, 1.0, 8.0, 2.0),
+};
+
+static const struct field r_blend_fields[] = {
+	{.name = "type"},
+	PARAMETER("a0", 0, -10.0, 10.0, 0.2),
+	PARAMETER("a1", 1, 0.01, 100.0, 0.5),
+	PARAMETER("a2", 2, 0.01, 100.0, 0.5),
+};
+
+static const struct field functional_fields[] = {
+	{.name = "type"},
+	PARAMETER("d", 0, 0.001, 2.0, 0.5),
+};
+
+static const struct field exponent_fields[] = {
+	{.name = "type"},
+	PARAMETER("n", 0, 1.0, 1000.0, 2.0),
+};
+
+static const struct field lines_fields[] = {
+	{.name = "type"},
+	{.name = "theta", .read = read_lines},
+};
+
+static const struct field interpolation_fields[] = {
+	{.name = "type"},
+	PARAMETER("h", 0, 0.0, 1.0, 0.5),
+};
+
+static const struct field power_fields[] = {
+	{.name = "type"},
+	PARAMETER("alpha", 0, 1.0, 100.0, 1.0),
+};
+
+/* Not a CLASSIC_*. */
+#define GRADIENT (-1)
+
+#define OPERATOR(name_, table, tag_) \
+	{.name = name_, .fields = FIELD_SET(table), .tag = tag_}
+
+/* The first, then those of core/classic.h in their order. */
+static const struct variant types[] = {
+	OPERATOR("gradient", gradient_fields, GRADIENT),
+	OPERATOR("super-elliptic", super_elliptic_fields,
+	    CLASSIC_SUPER_ELLIPTIC),
+	OPERATOR("r-blend", r_blend_fields, CLASSIC_R_BLEND),
+	OPERATOR("functional", functional_fields, CLASSIC_FUNCTIONAL),
+	OPERATOR("r-clean", type_only, CLASSIC_R_CLEAN),
+	OPERATOR("barthe-clean", type_only, CLASSIC_BARTHE_CLEAN),
+	OPERATOR("ricci", exponent_fields, CLASSIC_RICCI),
+	{.name = "barthe-opening", .fields = FIELD_SET(lines_fields),
+	    .tag = CLASSIC_BARTHE_OPENING, .check = default_lines},
+	OPERATOR("interpolation", interpolation_fields,
+	    CLASSIC_INTERPOLATION),
+	OPERATOR("power-difference", power_fields, CLASSIC_POWER_DIFFERENCE),
+};
+
+#define TYPE_COUNT (sizeof types / sizeof *types)
 
 /* Layout and resolution as the limits say; no opening yet. */
 static struct operator *make_operator(struct reader *r)
@@ -314,30 +429,63 @@ static struct operator *make_operator(struct reader *r)
 		return NULL;
 	op->profile = profile_smooth();
 	op->layout = r->limits->layout;
-	op->resolution = default_resolution(op->layout);
+	op->resolution = table_resolution(op->layout);
 	return op;
 }
 
-static const struct operator *read_object(struct reader *r,
+static const struct operator *read_gradient(struct reader *r,
     const struct json_place *at, const struct cJSON *value)
 {
-	static const struct field_set set = FIELD_SET(operator_fields);
-	struct draft draft = {.op = NULL};
+	static const struct field_set set = FIELD_SET(gradient_fields);
+	struct draft draft = {.op = make_operator(r)};
 
-	if (!cJSON_IsObject(value)) {
-		reader_fault(r, at, "an operator must be an object, not %s",
-		    json_kind(value));
-		return NULL;
-	}
-	draft.op = make_operator(r);
 	if (!draft.op)
 		return NULL;
 	draft.op->opening = clean;
 	draft.op->resolution = 0;
 	field_read_object(r, at, value, &set, 1, &draft);
 	if (draft.op->resolution == 0)
-		draft.op->resolution = default_resolution(draft.op->layout);
+		draft.op->resolution = table_resolution(draft.op->layout);
 	return draft.op;
+}
+
+static const struct classic *read_classic(struct reader *r,
+    const struct json_place *at, const struct cJSON *value,
+    const struct variant *type)
+{
+	struct draft draft = {.classic.type = (unsigned)type->tag};
+	struct classic *out = reader_alloc(r, 1, sizeof *out);
+	unsigned seen;
+
+	if (!out)
+		return NULL;
+	seen = field_read_object(r, at, value, &type->fields, 1, &draft);
+	if (type->check)
+		type->check(r, at, value, seen, &draft);
+	*out = draft.classic;
+	return out;
+}
+
+/* After a fault there may be neither op nor classic. */
+static struct chosen read_object(struct reader *r,
+    const struct json_place *at, const struct cJSON *value)
+{
+	struct chosen out = {0};
+	const struct variant *type = types;
+
+	if (!cJSON_IsObject(value)) {
+		reader_fault(r, at, "an operator must be an object, not %s",
+		    json_kind(value));
+		return out;
+	}
+	if (cJSON_HasObjectItem(value, "type"))
+		type = field_variant(r, at, value, types, TYPE_COUNT,
+		    "operator");
+	if (type && type->tag == GRADIENT)
+		out.op = read_gradient(r, at, value);
+	else if (type)
+		out.classic = read_classic(r, at, value, type);
+	return out;
 }
 
 /* Which built-in operator name is; BUILT_IN_COUNT: none. */
@@ -369,17 +517,18 @@ static void set_built_in(struct operator *op, enum built_in which)
 		op->profile = profile_bulge(BULGE_DEFAULT);
 }
 
-static const struct operator *built_in(struct reader *r, enum built_in which)
+static struct chosen built_in(struct reader *r, enum built_in which)
 {
 	struct operator *op;
 
-	if (which == BUILT_IN_SHARP || r->built_in[which])
-		return r->built_in[which];
-	op = make_operator(r);
-	if (op)
-		set_built_in(op, which);
-	r->built_in[which] = op;
-	return op;
+	if (which != BUILT_IN_SHARP && !r->built_in[which]) {
+		op = make_operator(r);
+		if (op)
+			set_built_in(op, which);
+		r->built_in[which] = op;
+	}
+	return (struct chosen){.sharp = which == BUILT_IN_SHARP,
+	    .op = r->built_in[which]};
 }
 
 /* Whether the document has an operator of that name; *place is where it is,
@@ -402,8 +551,8 @@ static bool find_operator(const struct reader *r, const char *name,
 	return order == 0;
 }
 
-static const struct operator *read_name(struct reader *r,
-    const struct json_place *at, const char *name)
+static struct chosen read_name(struct reader *r, const struct json_place *at,
+    const char *name)
 {
 	const enum built_in which = find_built_in(name);
 	size_t place;
@@ -411,33 +560,52 @@ static const struct operator *read_name(struct reader *r,
 	if (which != BUILT_IN_COUNT)
 		return built_in(r, which);
 	if (find_operator(r, name, &place))
-		return r->operators[place].op;
+		return r->operators[place].chosen;
 	reader_fault(r, at, "unknown operator '%.64s': neither built in nor in "
 	    "the document's \"operators\"", name);
-	return NULL;
+	return (struct chosen){0};
 }
 
-const struct operator *operator_read(struct reader *r,
-    const struct json_place *at, const struct cJSON *value)
+/* That node's type takes out's operator. */
+static void check_family(struct reader *r, const struct json_place *at,
+    enum node_type node, const struct chosen *out)
 {
+	const int family = node == NODE_UNION ? CLASSIC_UNION :
+	    node == NODE_INTERSECTION ? CLASSIC_INTERSECTION :
+	    CLASSIC_DIFFERENCE;
+
+	if (out->classic && !classic_has_family(out->classic->type, family))
+		reader_fault(r, at, "a %s operator is for a difference alone",
+		    types[1 + out->classic->type].name);
+}
+
+bool operator_read(struct reader *r, const struct json_place *at,
+    const struct cJSON *value, enum node_type node, struct chosen *out)
+{
+	const size_t faults = r->faults->count;
+
+	*out = (struct chosen){0};
 	if (!value)
-		return built_in(r, BUILT_IN_CLEAN);
-	if (cJSON_IsString(value))
-		return read_name(r, at, value->valuestring);
-	if (cJSON_IsObject(value))
-		return read_object(r, at, value);
-	reader_fault(r, at, "must be a name or an object, not %s",
-	    json_kind(value));
-	return NULL;
+		*out = built_in(r, BUILT_IN_CLEAN);
+	else if (cJSON_IsString(value))
+		*out = read_name(r, at, value->valuestring);
+	else if (cJSON_IsObject(value))
+		*out = read_object(r, at, value);
+	else
+		reader_fault(r, at, "must be a name or an object, not %s",
+		    json_kind(value));
+	check_family(r, at, node, out);
+	return reader_goes_on(r) && r->faults->count == faults;
 }
 
 static void add_named(struct reader *r, size_t place, const char *name,
-    const struct operator *op)
+    const struct chosen *chosen)
 {
 	struct named_operator *slot = r->operators + place;
 
 	memmove(slot + 1, slot, (r->operator_count - place) * sizeof *slot);
-	*slot = (struct named_operator){arena_string(r->arena, name), op};
+	*slot = (struct named_operator){arena_string(r->arena, name),
+	    *chosen};
 	if (slot->name)
 		r->operator_count++;
 	else
@@ -447,7 +615,7 @@ static void add_named(struct reader *r, size_t place, const char *name,
 static void read_named(struct reader *r, const struct json_place *at,
     const struct cJSON *member)
 {
-	const struct operator *op;
+	struct chosen chosen;
 	size_t place;
 
 	if (!field_is_id(member->string)) {
@@ -464,9 +632,9 @@ static void read_named(struct reader *r, const struct json_place *at,
 		reader_fault(r, at, "given twice");
 		return;
 	}
-	op = read_object(r, at, member);
+	chosen = read_object(r, at, member);
 	if (reader_goes_on(r))
-		add_named(r, place, member->string, op);
+		add_named(r, place, member->string, &chosen);
 }
 
 void operator_read_all(struct reader *r, const struct json_place *at,

@@ -1,6 +1,7 @@
 /*
  * How documents are read: tables of fields, one table an object's type, and
- * functions that read one field's value each. Internal to document*.c.
+ * functions that read one field's value each. Internal to document*.c and
+ * import*.c; order.c and opening_request.c read their bodies by it.
  */
 #ifndef PROTO_DOCUMENT_READER_H
 #define PROTO_DOCUMENT_READER_H
@@ -20,13 +21,26 @@ struct item {
 	const char *ref;   /* REF: the id it names */
 	struct item *next; /* of those with an id or a ref, in their order */
 	/* Members that are read after the others; NULL: missing. */
-	const struct cJSON *children, *operator;
+	const struct cJSON *children, *child, *elements, *operator;
 	const struct cJSON *translation, *rotation, *scale, *matrix;
+};
+
+/* A volume that the document holds. */
+struct volume_list {
+	struct volume_list *next;
+	struct volume *volume;
+};
+
+/* What a composition's "operator" says: one of the three. */
+struct chosen {
+	bool sharp;
+	const struct operator *op;
+	const struct classic *classic;
 };
 
 struct named_operator {
 	const char *name;
-	const struct operator *op;
+	struct chosen chosen;
 };
 
 enum built_in {
@@ -49,6 +63,7 @@ struct reader {
 	size_t depth;
 	bool skipped; /* a node of a wrong type, with all below it */
 	size_t item_count;
+	struct volume_list *volumes; /* held for the document */
 	struct item *first, **tail; /* of named_count with an id or a ref */
 	size_t named_count;
 	struct named_operator *operators; /* by name */
@@ -152,11 +167,14 @@ void field_direction(struct reader *r, const struct json_place *at,
 void field_id(struct reader *r, const struct json_place *at,
     const struct cJSON *value, const struct field *field, void *base);
 
-/* document_operator.c: the value of a composition's "operator" (NULL if it has
- * none), in the arena, where one name has one struct; NULL for the sharp one,
- * and after a fault. And the document's "operators" into the reader. */
-const struct operator *operator_read(struct reader *r,
-    const struct json_place *at, const struct cJSON *value);
+/*
+ * document_operator.c: the value of a composition's "operator" (NULL if it has
+ * none), in the arena, where one name has one struct. node: the composition's
+ * type. False after a fault, where *out may have none of the three. And the
+ * document's "operators" into the reader.
+ */
+bool operator_read(struct reader *r, const struct json_place *at,
+    const struct cJSON *value, enum node_type node, struct chosen *out);
 void operator_read_all(struct reader *r, const struct json_place *at,
     const struct cJSON *value);
 
@@ -168,6 +186,15 @@ void transform_read(struct reader *r, const struct json_place *at,
 /* document_node.c: a node and all below it, or NULL. */
 struct node *node_read(struct reader *r, const struct json_place *at,
     const struct cJSON *value, const struct node *parent, size_t index);
+
+/* document_convolution.c: item's "elements" into its children. */
+void convolution_read(struct reader *r, const struct json_place *at,
+    const struct cJSON *object, unsigned seen, void *base);
+
+/* Adds count new nodes to the document, below parent: NULL after a fault, at
+ * `at` if they are too many. */
+struct item *reader_add_items(struct reader *r, const struct json_place *at,
+    const struct node *parent, size_t count);
 
 /* document_ref.c: finds what refs mean. root: the root node's place. */
 void ref_resolve(struct reader *r, const struct json_place *root);

@@ -22,8 +22,8 @@ struct index {
 void ref_fault(struct reader *r, const struct json_place *root,
     const struct node *node, const char *member, const char *detail)
 {
-	/* From the leaf up: a node, then the "children" it stands in. */
-	struct json_place chain[2 * DOCUMENT_DEPTH_MAX + 1];
+	/* From the leaf up: a node, then the member it stands in. */
+	struct json_place chain[2 * DOCUMENT_DEPTH_MAX + 3];
 	struct json_place *at = chain, *last = NULL;
 
 	if (member) {
@@ -31,13 +31,18 @@ void ref_fault(struct reader *r, const struct json_place *root,
 		last = at++;
 	}
 	for (; node && node->parent; node = node->parent) {
+		const enum node_type type = node->parent->type;
+
 		assert(at + 2 <= chain + sizeof chain / sizeof *chain);
-		at[0] = json_element(&at[1], node->index);
-		at[1] = json_member(NULL, "children");
 		if (last)
 			last->parent = at;
-		last = &at[1];
-		at += 2;
+		if (type != NODE_WARP) {
+			*at = json_element(at + 1, node->index);
+			at++;
+		}
+		*at = json_member(NULL, type == NODE_WARP ? "child" :
+		    type == NODE_CONVOLUTION ? "elements" : "children");
+		last = at++;
 	}
 	if (last)
 		last->parent = root;

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 
 #include "proto/fault.h"
+#include "proto/npy.h"
 #include "proto/points_binary.h"
 
 void points_fini(struct points *points)
@@ -17,51 +18,6 @@ enum err points_too_many(size_t max_points, struct faults *faults)
 {
 	faults_add(faults, "", "more than %zu points", max_points);
 	return ERR_LIMIT;
-}
-
-static float load_f4(const unsigned char *p)
-{
-	const uint32_t bits = (uint32_t)p[0] | (uint32_t)p[1] << 8 |
-	    (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
-	union {
-		uint32_t bits;
-		float f;
-	} u = {.bits = bits};
-
-	return u.f;
-}
-
-static double load_f8(const unsigned char *p)
-{
-	union {
-		uint64_t bits;
-		double f;
-	} u = {.bits = 0};
-	int i;
-
-	for (i = 7; i >= 0; i--)
-		u.bits = u.bits << 8 | p[i];
-	return u.f;
-}
-
-/* Loads n numbers; how many of them are not finite as float32. */
-static size_t load_all(const unsigned char *data, size_t n, bool is_double,
-    float *out)
-{
-	size_t bad = 0, i;
-
-	if (is_double) {
-		for (i = 0; i < n; i++) {
-			out[i] = (float)load_f8(data + 8 * i);
-			bad += !isfinite(out[i]);
-		}
-	} else {
-		for (i = 0; i < n; i++) {
-			out[i] = load_f4(data + 4 * i);
-			bad += !isfinite(out[i]);
-		}
-	}
-	return bad;
 }
 
 static enum err not_finite(const float *xyz, size_t n, struct faults *faults)
@@ -92,7 +48,7 @@ enum err points_load(const unsigned char *data, size_t count, bool is_double,
 	points.xyz = malloc(3 * count * sizeof *points.xyz);
 	if (!points.xyz)
 		return ERR_MEMORY;
-	if (load_all(data, 3 * count, is_double, points.xyz)) {
+	if (npy_floats(data, 3 * count, is_double, points.xyz)) {
 		err = not_finite(points.xyz, 3 * count, faults);
 		goto fail;
 	}

@@ -1,212 +1,41 @@
 /*
- * NumPy's .npy: "\x93NUMPY", a version, the length of a header, the header (a
- * Python dict with 'descr', 'fortran_order' and 'shape'), then the numbers.
+ * Points in NumPy's .npy (proto/npy.h).
  */
-#include <stdint.h>
-#include <string.h>
-
 #include "proto/fault.h"
+#include "proto/npy.h"
 #include "proto/points.h"
 #include "proto/points_binary.h"
 
-#define MAGIC "\x93NUMPY"
-#define MAGIC_BYTES 6
-
-/* The text of the header being read. */
-struct scan {
-	const char *p, *end;
-};
-
-/* What the header says; the pieces are still in their Python spelling. */
-struct header {
-	bool has_descr, has_order, has_shape;
-	bool is_double, is_float, fortran;
-	bool is_triples;   /* shape (count, 3) */
-	uint64_t count;
-};
-
-static void skip_space(struct scan *s)
-{
-	while (s->p < s->end && (*s->p == ' ' || *s->p == '\n' ||
-	    *s->p == '\t' || *s->p == '\r'))
-		s->p++;
-}
-
-static bool take(struct scan *s, char c)
-{
-	skip_space(s);
-	if (s->p == s->end || *s->p != c)
-		return false;
-	s->p++;
-	return true;
-}
-
-static bool take_word(struct scan *s, const char *word)
-{
-	const size_t n = strlen(word);
-
-	if ((size_t)(s->end - s->p) < n || memcmp(s->p, word, n) != 0)
-		return false;
-	s->p += n;
-	return true;
-}
-
-/* A quoted string without escapes to out; false if it is none, or too long. */
-static bool take_string(struct scan *s, char *out, size_t size)
-{
-	const char quote = take(s, '\'') ? '\'' : '"';
-	size_t n = 0;
-
-	if (quote == '"' && !take(s, '"'))
-		return false;
-	while (s->p < s->end && *s->p != quote && n + 1 < size)
-		out[n++] = *s->p++;
-	out[n] = '\0';
-	return s->p < s->end && *s->p++ == quote;
-}
-
-static bool take_integer(struct scan *s, uint64_t *out)
-{
-	uint64_t value = 0;
-	bool any = false;
-
-	skip_space(s);
-	for (; s->p < s->end && *s->p >= '0' && *s->p <= '9'; s->p++) {
-		if (value > (UINT64_MAX - 9) / 10)
-			return false;
-		value = 10 * value + (uint64_t)(*s->p - '0');
-		any = true;
-	}
-	*out = value;
-	return any;
-}
-
-/* A tuple of integers: (), (N,), (N, M), ... */
-static bool take_shape(struct scan *s, struct header *h)
-{
-	uint64_t sizes[2] = {0}, size;
-	size_t n = 0;
-
-	if (!take(s, '('))
-		return false;
-	while (!take(s, ')')) {
-		if (!take_integer(s, &size))
-			return false;
-		if (n < 2)
-			sizes[n] = size;
-		n++;
-		if (!take(s, ',')) {
-			if (!take(s, ')'))
-				return false;
-			break;
-		}
-	}
-	h->count = sizes[0];
-	h->is_triples = n == 2 && sizes[1] == 3;
-	h->has_shape = true;
-	return true;
-}
-
-static bool take_entry(struct scan *s, struct header *h)
-{
-	char key[16], descr[32];
-
-	if (!take_string(s, key, sizeof key) || !take(s, ':'))
-		return false;
-	if (strcmp(key, "shape") == 0)
-		return take_shape(s, h);
-	if (strcmp(key, "fortran_order") == 0) {
-		skip_space(s);
-		h->has_order = true;
-		h->fortran = take_word(s, "True");
-		return h->fortran || take_word(s, "False");
-	}
-	if (strcmp(key, "descr") != 0 ||
-	    !take_string(s, descr, sizeof descr))
-		return false;
-	h->has_descr = true;
-	h->is_float = strcmp(descr, "<f4") == 0;
-	h->is_double = strcmp(descr, "<f8") == 0;
-	return true;
-}
-
-static bool parse_header(struct scan s, struct header *h)
-{
-	if (!take(&s, '{'))
-		return false;
-	while (!take(&s, '}')) {
-		if (!take_entry(&s, h))
-			return false;
-		if (!take(&s, ',')) {
-			if (!take(&s, '}'))
-				return false;
-			break;
-		}
-	}
-	skip_space(&s);
-	return s.p == s.end && h->has_descr && h->has_order && h->has_shape;
-}
-
-/* Where the header's text lies; false if data is no npy file. */
-static bool find_header(const unsigned char *data, size_t length,
-    struct scan *out)
-{
-	size_t start = MAGIC_BYTES + 4, size;
-
-	if (length < start || memcmp(data, MAGIC, MAGIC_BYTES) != 0 ||
-	    data[6] < 1 || data[6] > 3 || data[7] != 0)
-		return false;
-	size = (size_t)data[8] | (size_t)data[9] << 8;
-	if (data[6] > 1) {
-		start += 2;
-		if (length < start)
-			return false;
-		size |= (size_t)data[10] << 16 | (size_t)data[11] << 24;
-	}
-	if (size > length - start)
-		return false;
-	*out = (struct scan){(const char *)data + start,
-	    (const char *)data + start + size};
-	return true;
-}
-
-static enum err refuse(enum err err, struct faults *faults, const char *why)
+static enum err refuse(struct faults *faults, const char *why)
 {
 	faults_add(faults, "", "%s", why);
-	return err;
+	return ERR_INVALID;
 }
 
 enum err points_from_npy(const void *data, size_t length, size_t max_points,
     struct points *out, struct faults *faults)
 {
-	struct header h = {0};
-	struct scan header;
-	size_t point, left;
+	struct npy npy;
+	enum err err;
+	size_t point;
 
-	if (!find_header(data, length, &header))
-		return refuse(ERR_SYNTAX, faults, "not an npy file of format "
-		    "1.0, 2.0 or 3.0");
-	if (!parse_header(header, &h))
-		return refuse(ERR_SYNTAX, faults, "the npy header is not one "
-		    "of an array of plain numbers");
-	if (!h.is_float && !h.is_double)
-		return refuse(ERR_INVALID, faults, "descr must be '<f4' or "
-		    "'<f8' (little-endian float32 or float64)");
-	if (h.fortran)
-		return refuse(ERR_INVALID, faults, "fortran_order must be "
-		    "False: use numpy.ascontiguousarray");
-	if (!h.is_triples)
-		return refuse(ERR_INVALID, faults, "shape must be (N, 3)");
-	if (h.count > max_points)
+	err = npy_read(data, length, &npy, faults);
+	if (err)
+		return err;
+	if (npy.is_fortran)
+		return refuse(faults, "fortran_order must be False: use "
+		    "numpy.ascontiguousarray");
+	if (npy.axes != 2 || npy.shape[1] != 3)
+		return refuse(faults, "shape must be (N, 3)");
+	if (npy.shape[0] > max_points)
 		return points_too_many(max_points, faults);
-	point = 3 * (h.is_double ? sizeof(double) : sizeof(float));
-	left = length - (size_t)(header.end - (const char *)data);
-	if (left % point || left / point != h.count) {
+	point = 3 * (npy.is_double ? sizeof(double) : sizeof(float));
+	if (npy.length % point || npy.length / point != npy.shape[0]) {
 		faults_add(faults, "", "%zu bytes follow the header, which says "
-		    "%llu points of %zu bytes", left,
-		    (unsigned long long)h.count, point);
+		    "%llu points of %zu bytes", npy.length,
+		    (unsigned long long)npy.shape[0], point);
 		return ERR_SYNTAX;
 	}
-	return points_load((const unsigned char *)header.end, (size_t)h.count,
-	    h.is_double, out, faults);
+	return points_load(npy.data, (size_t)npy.shape[0], npy.is_double, out,
+	    faults);
 }

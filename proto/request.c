@@ -21,6 +21,9 @@ static const struct {
 	{"value", OUTPUT_VALUE},
 	{"gradient", OUTPUT_GRADIENT},
 	{"hessian", OUTPUT_HESSIAN},
+	{"color", OUTPUT_COLOR},
+	{"normal", OUTPUT_NORMAL},
+	{"curvature", OUTPUT_CURVATURE},
 };
 
 /* Adds the output called by the n characters at name to *outputs. */
@@ -42,11 +45,8 @@ static bool add_output(const char *name, size_t n, unsigned *outputs,
 		*outputs |= output_names[i].bit;
 		return true;
 	}
-	if (n == 5 && memcmp(name, "color", n) == 0)
-		json_fault(faults, place, "'color' is not supported yet");
-	else
-		json_fault(faults, place, "unknown output '%.*s': value, "
-		    "gradient or hessian", shown, name);
+	json_fault(faults, place, "unknown output '%.*s': value, gradient, "
+	    "hessian, color, normal or curvature", shown, name);
 	return false;
 }
 

@@ -217,7 +217,8 @@ static int slot_of(struct bench *b, const struct operator *op)
 
 static void load_scene(struct bench *b, struct scene *s)
 {
-	const struct document_limits limits = {1000, LAYOUT_WARPED};
+	const struct document_limits limits = {.max_nodes = 1000,
+	    .layout = LAYOUT_WARPED};
 	struct faults faults = {0};
 	const struct tape *tape;
 	int slots[TABLES_MAX];

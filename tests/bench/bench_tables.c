@@ -5,6 +5,7 @@
  *
  *   bench_tables          the built-in tables, and the paper's grid beside them
  *   bench_tables --sweep  size against error, from 8 to 128 nodes an axis
+ *   bench_tables --orders the coarsest table for given errors in g, and a draft
  *
  * Build times are on two threads, as the daemon builds on two cores, also as a
  * ratio to a copy of the table's own bytes made in the same call.
@@ -23,7 +24,12 @@ struct share {
 	struct table *table;
 	float *errors; /* NULL: build */
 	int index;
+	double *exact; /* of errors in g alone; NULL: other work */
+	double max, sum;
 };
+
+/* Whose exact values are sampled. */
+static struct operator sampled;
 
 static double now(void)
 {
@@ -35,9 +41,19 @@ static double now(void)
 
 static void *work(void *arg)
 {
-	const struct share *s = arg;
+	struct share *s = arg;
 	size_t first = TABLE_SAMPLE / THREADS * (size_t)s->index;
 
+	if (s->exact && !s->table) {
+		table_sample(sampled.family, &sampled.profile, first,
+		    first + TABLE_SAMPLE / THREADS, s->exact);
+		return NULL;
+	}
+	if (s->exact) {
+		s->max = table_measure_g(s->table, first,
+		    first + TABLE_SAMPLE / THREADS, s->exact, &s->sum);
+		return NULL;
+	}
 	if (s->errors) {
 		table_measure(s->table, first, first + TABLE_SAMPLE / THREADS,
 		    s->errors, TABLE_SAMPLE);
@@ -48,19 +64,27 @@ static void *work(void *arg)
 	return NULL;
 }
 
-static double in_threads(struct table *table, float *errors)
+static void share_out(struct share shares[static THREADS])
 {
-	struct share shares[THREADS];
 	pthread_t threads[THREADS];
-	double begin = now();
 
 	for (int i = 0; i < THREADS; i++) {
-		shares[i] = (struct share){table, errors, i};
+		shares[i].index = i;
 		if (pthread_create(&threads[i], NULL, work, &shares[i]))
 			abort();
 	}
 	for (int i = 0; i < THREADS; i++)
 		pthread_join(threads[i], NULL);
+}
+
+static double in_threads(struct table *table, float *errors)
+{
+	struct share shares[THREADS];
+	double begin = now();
+
+	for (int i = 0; i < THREADS; i++)
+		shares[i] = (struct share){.table = table, .errors = errors};
+	share_out(shares);
 	return now() - begin;
 }
 
@@ -114,12 +138,126 @@ static void report(enum operator_family family, const struct profile *profile,
 	table_free(t);
 }
 
+/* ---- --orders ---- */
+
+/* What was found of one family, profile and layout: resolutions are tried
+ * once. */
+struct known {
+	double max[TABLE_RESOLUTION_MAX + 1]; /* 0: not tried */
+	double mean[TABLE_RESOLUTION_MAX + 1];
+	double build[TABLE_RESOLUTION_MAX + 1];
+};
+
+static void try(const struct operator *op, int resolution, double *exact,
+    struct known *known)
+{
+	struct share shares[THREADS];
+	struct table *t;
+
+	if (known->max[resolution] > 0.0)
+		return;
+	if (table_create(op->family, &op->profile, op->layout, resolution, &t))
+		abort();
+	known->build[resolution] = in_threads(t, NULL);
+	for (int i = 0; i < THREADS; i++)
+		shares[i] = (struct share){.table = t, .exact = exact};
+	share_out(shares);
+	for (int i = 0; i < THREADS; i++) {
+		known->max[resolution] = shares[i].max > known->max[resolution] ?
+		    shares[i].max : known->max[resolution];
+		known->mean[resolution] += shares[i].sum / TABLE_SAMPLE;
+	}
+	table_free(t);
+}
+
+/* The coarsest resolution that holds bound, or the finest. */
+static int bisect(const struct operator *op, double bound, double *exact,
+    struct known *known)
+{
+	int low = TABLE_RESOLUTION_MIN, high = TABLE_RESOLUTION_MAX;
+
+	try(op, high, exact, known);
+	if (known->max[high] > bound)
+		return high;
+	while (low < high) {
+		int middle = (low + high) / 2;
+
+		try(op, middle, exact, known);
+		if (known->max[middle] <= bound)
+			high = middle;
+		else
+			low = middle + 1;
+	}
+	return high;
+}
+
+static void report_order(const struct operator *op, double bound, int n,
+    const struct known *known)
+{
+	char name[32], goal[16];
+	size_t nodes = (size_t)n * (size_t)n * (size_t)n;
+
+	snprintf(name, sizeof(name), op->profile.type == PROFILE_BULGE ?
+	    "bulge %.2g" : "smooth", op->profile.k);
+	snprintf(goal, sizeof(goal), bound > 0.0 ? "%.0e" : "draft", bound);
+	printf("%-12s %-9s %-7s %6s %4d %7.2f %6.0f  %.2e %.1e%s\n",
+	    operator_family_name(op->family), name,
+	    operator_layout_name(op->layout), goal, n,
+	    (double)(nodes * (TABLE_FIRST + TABLE_SECOND) * sizeof(float)) /
+	    (1 << 20), 1e3 * known->build[n], known->max[n], known->mean[n],
+	    bound > 0.0 && known->max[n] > bound ? "  not held" : "");
+	fflush(stdout);
+}
+
+static void report_orders(enum operator_family family,
+    const struct profile *profile)
+{
+	static const double bounds[] = {1e-2, 1e-3, 1e-4, 1e-5, 1e-6};
+	double *exact = malloc(sizeof(*exact) * TABLE_SAMPLE);
+	struct operator op = {.family = family, .profile = *profile};
+	struct share shares[THREADS];
+
+	if (!exact)
+		abort();
+	sampled = op;
+	for (int i = 0; i < THREADS; i++)
+		shares[i] = (struct share){.exact = exact};
+	share_out(shares);
+	for (int l = 0; l < LAYOUT_COUNT; l++) {
+		struct known known = {.max = {0.0}};
+
+		op.layout = (enum table_layout)l;
+		for (size_t i = 0; i < sizeof(bounds) / sizeof(*bounds); i++)
+			report_order(&op, bounds[i], bisect(&op, bounds[i],
+			    exact, &known), &known);
+		try(&op, 16, exact, &known);
+		report_order(&op, 0.0, 16, &known);
+	}
+	free(exact);
+}
+
+static void orders(void)
+{
+	const struct profile profiles[] = {profile_smooth(),
+	    profile_bulge(0.8)};
+
+	printf("family       profile   layout   max_error  N     MiB     ms  "
+	    "g max    g mean\n");
+	for (int f = 0; f < FAMILY_COUNT; f++)
+		for (int p = 0; p < 2; p++)
+			report_orders((enum operator_family)f, &profiles[p]);
+}
+
 int main(int argc, char **argv)
 {
 	static const int sizes[] = {8, 16, 24, 32, 48, 64, 96, 128};
 	struct profile profiles[] = {profile_smooth(), profile_bulge(0.8)};
 	bool sweep = argc > 1 && strcmp(argv[1], "--sweep") == 0;
 
+	if (argc > 1 && strcmp(argv[1], "--orders") == 0) {
+		orders();
+		return 0;
+	}
 	printf("family       profile   layout     N  MiB-1  MiB-2    ms /copy  "
 	    "g max   g mean   p99 of g1, g2, gt        p99 of g11, g12, gtt\n");
 	for (int f = 0; f < FAMILY_COUNT; f++) {

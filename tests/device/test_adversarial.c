@@ -1,6 +1,8 @@
 /*
- * Points and trees made to break an evaluator: a million of them, at every
- * order. Nothing but finite numbers may come back, and no field below 0.
+ * Points and trees made to break an evaluator: a million of them, half of the
+ * whole language, for every output. Nothing but finite numbers may come back,
+ * no field below 0, no colour but a mix of colours, no normal but a unit
+ * vector or 0.
  */
 #include <float.h>
 #include <math.h>
@@ -14,31 +16,39 @@
 
 #include <cmocka.h>
 
+#include "core/classic.h"
+#include "core/convolution.h"
 #include "core/evaluate.h"
 #include "core/output.h"
 #include "core/table.h"
 #include "core/tape.h"
 #include "core/tree.h"
+#include "core/volume.h"
 #include "kernels/device.h"
 #include "tests/support/random_tree.h"
 
-#define TREES 500
+#define TREES 250
 #define POINTS 2000
 #define CHILDREN_MAX 4
 #define OPERATORS 12
-#define ROW 10
-#define ALL_OUTPUTS (OUTPUT_VALUE | OUTPUT_GRADIENT | OUTPUT_HESSIAN)
+#define ROW OUTPUT_ROW_MAX
+#define WARPS_MAX 8
 
 static struct device *device;
 static struct operator operators[OPERATORS];
 static int slots[OPERATORS];
 
-/* A tree of two levels with its nodes within. */
+/* A tree of two levels, warps between, with its nodes within. */
 struct hostile {
+	bool whole; /* of all of the language */
 	struct tree tree;
-	struct node nodes[1 + CHILDREN_MAX * (1 + CHILDREN_MAX)];
+	struct node nodes[1 + CHILDREN_MAX * (1 + CHILDREN_MAX) + WARPS_MAX];
 	struct node *children[1 + CHILDREN_MAX][CHILDREN_MAX];
-	int count;
+	struct node *warped[WARPS_MAX];
+	struct classic classics[1 + CHILDREN_MAX];
+	struct volume *volume; /* NULL until used */
+	double scale;          /* of the volume */
+	int count, warp_count, classic_count;
 };
 
 static double pick(struct random_stream *r, const double *from, int count)
@@ -82,6 +92,97 @@ static struct primitive hostile_primitive(struct random_stream *r, double s)
 	return p;
 }
 
+/* Samples without pattern, which no distances have, over a cube. */
+static struct volume *hostile_volume(struct random_stream *r, double s)
+{
+	static const double values[] = {0.0, 0.0, 0.5, 1.0, 1e-6, 1e6};
+	const size_t count[3] = {4, 5, 6};
+	bool distance = random_below(r, 2);
+	float samples[4 * 5 * 6];
+	struct volume *v = NULL;
+
+	for (int i = 0; i < 4 * 5 * 6; i++)
+		samples[i] = (float)(distance ? s * random_in(r, -1.0, 2.0) :
+		    pick(r, values, 6));
+	assert_int_equal(volume_create(samples, count, vec3(-s, -s, -s),
+	    vec3(s, s, s), distance, &v), ERR_OK);
+	return v;
+}
+
+/* Makes of p an element of a convolution, or a volume. */
+static void make_whole(struct random_stream *r, struct hostile *h, double s,
+    struct primitive *p)
+{
+	static const double widths[] = {1e-2, 1.0, 1.0, 1e2};
+
+	if (random_below(r, 3)) {
+		p->type = (enum primitive_type)(PRIMITIVE_CAUCHY_POINT +
+		    random_below(r, 3));
+		p->s = cauchy_default_s(p->radius[0]) * pick(r, widths, 4);
+		return;
+	}
+	if (!h->volume) {
+		h->volume = hostile_volume(r, s);
+		h->scale = s;
+	}
+	p->type = PRIMITIVE_VOLUME;
+	p->volume = h->volume;
+	p->falloff = h->volume->is_distance ? 0.3 * h->scale : 0.0;
+}
+
+/* An operator without angles, at the ends of what its parameters may be. */
+static const struct classic *make_classic(struct random_stream *r,
+    struct hostile *h, enum node_type type)
+{
+	static const double ends[CLASSIC_TYPE_COUNT][3][2] = {
+		[CLASSIC_SUPER_ELLIPTIC] = {{0.2, 1.0}, {0.2, 1.0}, {1.0, 8.0}},
+		[CLASSIC_R_BLEND] = {{-10.0, 10.0}, {0.01, 100.0},
+			{0.01, 100.0}},
+		[CLASSIC_FUNCTIONAL] = {{0.001, 2.0}},
+		[CLASSIC_RICCI] = {{1.0, 1000.0}},
+		[CLASSIC_BARTHE_OPENING] = {{0.0, 0.785398}, {0.0, 0.785398}},
+		[CLASSIC_INTERPOLATION] = {{0.0, 1.0}},
+		[CLASSIC_POWER_DIFFERENCE] = {{1.0, 100.0}},
+	};
+	const int family = type == NODE_UNION ? CLASSIC_UNION :
+	    type == NODE_INTERSECTION ? CLASSIC_INTERSECTION :
+	    CLASSIC_DIFFERENCE;
+	struct classic *c = h->classics + h->classic_count++;
+
+	do
+		c->type = (unsigned)random_below(r, CLASSIC_TYPE_COUNT);
+	while (!classic_has_family(c->type, family));
+	for (int k = 0; k < 3; k++) {
+		const double *end = ends[c->type][k];
+
+		c->p[k] = random_below(r, 3) ? end[random_below(r, 2)] :
+		    random_in(r, end[0], end[1]);
+	}
+	return c;
+}
+
+/* A warp by little or by far too much, of a range about the origin. */
+static struct warp hostile_warp(struct random_stream *r, double s)
+{
+	static const double rates[] = {0.0, 1e-9, 0.1, 1.0, 3.0, 1e3, 1e9};
+	static const double factors[] = {1e-3, 1e-3, 0.5, 1.0, 2.0, 1e3, 1e3};
+	struct warp w = {.type = (unsigned)random_below(r, WARP_TYPE_COUNT)};
+
+	w.axis = vec3(random_in(r, -1.0, 1.0), random_in(r, -1.0, 1.0), 1.0);
+	w.direction = vec3(1.0, random_in(r, -1.0, 1.0), 0.0);
+	w.center = scaled(s, w.direction);
+	w.has_range = w.type != WARP_TWIST || random_below(r, 2);
+	w.from = s * random_in(r, -1.0, 0.5);
+	w.to = w.from + s * (random_below(r, 4) ? random_in(r, 0.1, 1.0) : 1.0);
+	w.scale = pick(r, factors, 7);
+	w.rate = fmin(pick(r, rates, 7) / s, 1e9);
+	if (w.type == WARP_BEND) /* to a full turn */
+		w.rate = fmin(w.rate, 6.28 / (w.to - w.from));
+	if (random_below(r, 2))
+		w.rate = -w.rate;
+	return w;
+}
+
 static struct node *new_node(struct hostile *h, enum node_type type,
     struct node *parent, size_t index)
 {
@@ -92,8 +193,8 @@ static struct node *new_node(struct hostile *h, enum node_type type,
 }
 
 /* A composition of any kind over the children array given. */
-static void make_composition(struct random_stream *r, struct node *n,
-    struct node **children)
+static void make_composition(struct random_stream *r, struct hostile *h,
+    struct node *n, struct node **children)
 {
 	static const enum node_type types[] = {NODE_UNION, NODE_UNION,
 		NODE_INTERSECTION, NODE_DIFFERENCE, NODE_SUM, NODE_RICCI};
@@ -104,6 +205,11 @@ static void make_composition(struct random_stream *r, struct node *n,
 	n->children = children;
 	n->n = pick(r, powers, 4);
 	n->sharp = random_below(r, 8) == 0;
+	if (h->whole && n->type <= NODE_DIFFERENCE && !n->sharp &&
+	    random_below(r, 2)) {
+		n->classic = make_classic(r, h, n->type);
+		return;
+	}
 	family = n->type == NODE_UNION ? FAMILY_UNION : FAMILY_INTERSECTION;
 	do
 		n->op = operators + random_below(r, OPERATORS);
@@ -142,32 +248,62 @@ static void make_leaves(struct random_stream *r, struct hostile *h,
 	for (size_t i = 0; i < parent->child_count; i++) {
 		struct node *n = new_node(h, NODE_PRIMITIVE, parent, i);
 
-		if (random_below(r, 3))
+		if (random_below(r, 3)) {
 			last = hostile_primitive(r, scale);
+			if (h->whole && random_below(r, 3) == 0)
+				make_whole(r, h, scale, &last);
+		}
 		n->primitive = last;
+		if (h->whole && random_below(r, 2)) {
+			n->has_color = true;
+			n->color = vec3(random_in(r, 0.0, 1.0), 0.0, 1.0);
+		}
 		make_transform(r, n);
 		parent->children[i] = n;
 	}
 }
 
-static void make_hostile(uint64_t seed, struct hostile *h)
+/* Child i of the root: n, or, of the whole language, n within warps. */
+static void add_child(struct random_stream *r, struct hostile *h,
+    struct node *root, size_t i, struct node *n, double scale)
+{
+	struct node **place = root->children + i, *parent = root;
+
+	while (h->whole && h->warp_count < WARPS_MAX && random_below(r, 2)) {
+		struct node *warp = new_node(h, NODE_WARP, parent, i);
+
+		warp->warp = hostile_warp(r, scale);
+		warp->children = h->warped + h->warp_count++;
+		warp->child_count = 1;
+		*place = warp;
+		place = warp->children;
+		parent = warp;
+		i = 0;
+	}
+	n->parent = parent;
+	n->index = i;
+	*place = n;
+}
+
+static void make_hostile(uint64_t seed, bool whole, struct hostile *h)
 {
 	struct random_stream r = {seed};
 	double scale = random_scale(&r);
 	struct node *root;
 
 	memset(h, 0, sizeof(*h));
+	h->whole = whole;
 	root = new_node(h, NODE_UNION, NULL, 0);
 	h->tree = (struct tree){.root = root, .null_gradient = TREE_NULL_GRADIENT};
-	make_composition(&r, root, h->children[0]);
+	make_composition(&r, h, root, h->children[0]);
 	root->child_count = (size_t)(2 + random_below(&r, 2));
 	for (size_t i = 0; i < root->child_count; i++) {
 		struct node *n = new_node(h, NODE_UNION, root, i);
 
-		make_composition(&r, n, h->children[1 + i]);
+		make_composition(&r, h, n, h->children[1 + i]);
 		make_leaves(&r, h, n, random_below(&r, 4) ? scale :
 		    random_scale(&r));
-		root->children[i] = n;
+		add_child(&r, h, root, i, n, scale);
 	}
 }
 
@@ -306,23 +442,37 @@ static int slot_of(const struct operator *op)
 
 /* What one tree's rows add up to. */
 struct tally {
-	size_t trees, numbers, broken, extreme, negative;
+	size_t trees, numbers, broken, extreme, negative, colors, normals;
 	double most_gradient, most_hessian;
 };
 
-static void add_rows(const float *rows, struct tally *t)
+static bool is_color(const float *c)
 {
-	for (size_t i = 0; i < (size_t)POINTS * ROW; i++) {
-		double x = fabs((double)rows[i]);
+	return c[0] >= 0.0f && c[0] <= 1.0f && c[1] >= 0.0f && c[1] <= 1.0f &&
+	    c[2] >= 0.0f && c[2] <= 1.0f;
+}
+
+static bool is_normal(const float *n)
+{
+	double norm = vec3_norm(vec3(n[0], n[1], n[2]));
+
+	return norm == 0.0 || fabs(norm - 1.0) < 1e-6;
+}
+
+static void add_row(const float *row, struct tally *t)
+{
+	t->negative += !(row[0] >= 0.0f);
+	t->colors += !is_color(row + 10);
+	t->normals += !is_normal(row + 13);
+	for (int k = 0; k < ROW; k++) {
+		double x = fabs((double)row[k]);
 
 		t->numbers++;
-		t->broken += !isfinite(rows[i]);
+		t->broken += !isfinite(row[k]);
 		t->extreme += x >= FLT_MAX;
-		if (i % ROW == 0)
-			t->negative += !(rows[i] >= 0.0f);
-		else if (i % ROW < 4)
+		if (k > 0 && k < 4)
 			t->most_gradient = fmax(t->most_gradient, x);
-		else
+		else if (k >= 4 && k < 10)
 			t->most_hessian = fmax(t->most_hessian, x);
 	}
 }
@@ -345,43 +495,60 @@ static bool run(uint64_t seed, const struct hostile *h, struct tally *t)
 	assert_int_equal(device_load_tape(device, tape, of, &loaded), ERR_OK);
 	make_points(seed, h, xyz);
 	assert_int_equal(device_evaluate(device, loaded, xyz, POINTS,
-	    ALL_OUTPUTS, rows, NULL, NULL), ERR_OK);
-	add_rows(rows, t);
+	    OUTPUT_ALL, rows, NULL, NULL), ERR_OK);
+	for (size_t i = 0; i < POINTS; i++)
+		add_row(rows + i * ROW, t);
 	t->trees++;
 	device_drop_tape(device, loaded);
 	tape_free(tape);
 	return true;
 }
 
-static void test_adversarial_million_points_are_finite(void **state)
+static void run_trees(bool whole)
 {
 	struct tally t = {0};
 	struct hostile *h = malloc(sizeof(*h));
 	uint64_t seed = 0;
 
-	(void)state;
 	assert_non_null(h);
 	while (t.trees < TREES) {
 		assert_true(seed < 20 * TREES);
-		make_hostile(++seed, h);
+		make_hostile(++seed, whole, h);
 		run(seed, h, &t);
+		volume_release(h->volume);
 	}
 	free(h);
 	printf("measured: %zu points of %zu trees (of %d made): %zu not finite, "
 	    "%zu at the limit of float32, %zu fields under 0; gradients to "
 	    "%.1e, Hessians to %.1e\n", t.numbers / ROW, t.trees, (int)seed,
 	    t.broken, t.extreme, t.negative, t.most_gradient, t.most_hessian);
-	assert_true(t.numbers >= 1000000u * ROW);
+	assert_true(t.numbers >= 500000u * ROW);
 	assert_int_equal(t.broken, 0);
 	assert_int_equal(t.negative, 0);
+	assert_int_equal(t.colors, 0);
+	assert_int_equal(t.normals, 0);
 	/* The last clamp of all is not needed for any of these. */
 	assert_int_equal(t.extreme, 0);
+}
+
+static void test_adversarial_half_a_million_points_are_finite(void **state)
+{
+	(void)state;
+	run_trees(false);
+}
+
+static void test_adversarial_whole_language_is_finite(void **state)
+{
+	(void)state;
+	run_trees(true);
 }
 
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_adversarial_million_points_are_finite),
+		cmocka_unit_test(
+		    test_adversarial_half_a_million_points_are_finite),
+		cmocka_unit_test(test_adversarial_whole_language_is_finite),
 	};
 
 	return cmocka_run_group_tests(tests, setup, teardown);

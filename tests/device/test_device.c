@@ -10,14 +10,18 @@
 
 #include <cmocka.h>
 
+#include "core/classic.h"
 #include "core/output.h"
 #include "core/table.h"
 #include "core/tape.h"
+#include "core/tree.h"
+#include "core/warp.h"
 #include "kernels/device_internal.h"
 
 #define POINTS 65793 /* a whole piece, a whole group and one more */
-#define ROW 10
-#define ALL_OUTPUTS (OUTPUT_VALUE | OUTPUT_GRADIENT | OUTPUT_HESSIAN)
+#define ROW OUTPUT_ROW_MAX
+#define JET (OUTPUT_VALUE | OUTPUT_GRADIENT | OUTPUT_HESSIAN)
+#define JET_ROW 10
 #define TABLE_NODES 16 /* an axis; small tables are built soon */
 
 static struct device *device;
@@ -67,8 +71,8 @@ static int teardown(void **state)
 
 /* A tape by hand, its arrays within. */
 struct small {
-	struct insn insns[8];
-	double params[64];
+	struct insn insns[3 * TAPE_WARPS_MAX];
+	double params[1024];
 	struct operator op;
 	struct tape tape;
 };
@@ -327,6 +331,157 @@ static void test_device_refuses_bad_tapes(void **state)
 	check_bad_tape(spoil_empty, "leaves 0 jets");
 }
 
+/* A ball within as many warps of a type as wanted, in colour. */
+static void make_warped(struct small *s, uint32_t type, int warps)
+{
+	const struct warp warp = {.type = type, .axis = {0.0, 0.0, 1.0},
+		.direction = {1.0, 0.0, 0.0}, .has_range = true, .from = -1.0,
+		.to = 1.0, .rate = 0.7, .scale = 0.5};
+	double params[12 + WARP_PARAMS_MAX] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0,
+		0.0, 0.0, 1.0, 0.0, 0.0, 0.0};
+
+	memset(s, 0, sizeof(*s));
+	s->tape = (struct tape){.insns = s->insns, .params = s->params};
+	warp_prepare(&warp, params + 12);
+	add(s, OP_COLOR, 0, 3, (const double[]){0.25, 0.5, 0.75});
+	for (int i = 0; i < warps; i++)
+		add(s, OP_ENTER, 0, 12 + WARP_PARAMS_MAX, params);
+	add(s, OP_FRAME, 0, 12, params);
+	add(s, OP_POINT, 0, 6,
+	    (const double[]){-0.4, 0.1, 0.0, 1.0, 3.0, 1.0});
+	for (int i = 0; i < warps; i++)
+		add(s, OP_LEAVE, 0, 12 + WARP_PARAMS_MAX, params);
+	for (size_t i = 0; i < s->tape.insn_count; i++)
+		if (s->insns[i].op == OP_ENTER || s->insns[i].op == OP_LEAVE)
+			s->insns[i].index = type;
+}
+
+static void check_bad_warped(int warps, void (*spoil)(struct small *s),
+    const char *word)
+{
+	struct device_tape *t = NULL;
+	struct small s;
+
+	make_warped(&s, WARP_TWIST, warps);
+	if (spoil)
+		spoil(&s);
+	assert_int_equal(device_load_tape(device, &s.tape, NULL, &t),
+	    ERR_INVALID);
+	assert_null(t);
+	assert_non_null(strstr(device_message(device), word));
+}
+
+static void spoil_warp_type(struct small *s)
+{
+	s->insns[1].index = WARP_TYPE_COUNT;
+}
+
+static void spoil_other_warp(struct small *s)
+{
+	s->insns[4].index = WARP_BEND;
+}
+
+static void spoil_never_entered(struct small *s)
+{
+	s->insns[1].op = OP_FRAME;
+}
+
+static void spoil_never_left(struct small *s)
+{
+	s->insns[4].op = OP_CARRY;
+}
+
+static void spoil_left_first(struct small *s)
+{
+	s->insns[3].op = OP_FRAME;
+}
+
+static void spoil_warp_params(struct small *s)
+{
+	s->insns[4].param++;
+}
+
+static void spoil_color_params(struct small *s)
+{
+	s->insns[0].param = (uint32_t)s->tape.param_count - 2;
+}
+
+static void spoil_volume(struct small *s)
+{
+	s->insns[3].op = OP_VOLUME;
+	s->insns[3].param = 0;
+}
+
+static void test_device_refuses_bad_warps(void **state)
+{
+	(void)state;
+	check_bad_warped(1, spoil_warp_type, "not there");
+	check_bad_warped(1, spoil_other_warp, "is not in");
+	check_bad_warped(1, spoil_never_entered, "is not in");
+	check_bad_warped(1, spoil_never_left, "in 1 warps");
+	check_bad_warped(1, spoil_left_first, "too few jets");
+	check_bad_warped(1, spoil_warp_params, "beyond the last");
+	check_bad_warped(1, spoil_color_params, "beyond the last");
+	check_bad_warped(1, spoil_volume, "not there");
+	check_bad_warped(TAPE_WARPS_MAX + 1, NULL, "too many warps");
+}
+
+static void spoil_classic(struct small *s)
+{
+	s->insns[2].op = OP_CLASSIC;
+	s->insns[2].index = CLASSIC_TYPE_COUNT;
+	s->insns[2].param = 0;
+}
+
+static void spoil_classic_params(struct small *s)
+{
+	s->insns[2].op = OP_CLASSIC_SWAPPED;
+	s->insns[2].index = 0;
+	s->insns[2].param = (uint32_t)s->tape.param_count -
+	    CLASSIC_PARAMS_MAX + 1;
+}
+
+static void test_device_refuses_bad_classics(void **state)
+{
+	(void)state;
+	check_bad_tape(spoil_classic, "not there");
+	check_bad_tape(spoil_classic_params, "beyond the last");
+}
+
+static void test_device_holds_the_deepest_warps(void **state)
+{
+	struct device_tape *t;
+	struct small s;
+	float row[4];
+	int slot;
+
+	(void)state;
+	make_warped(&s, WARP_TWIST, TAPE_WARPS_MAX);
+	t = load(device, &s, &slot);
+	assert_int_equal(device_evaluate(device, t, (const float[]){0.1f, 0.2f,
+	    0.3f}, 1, OUTPUT_VALUE | OUTPUT_COLOR, row, NULL, NULL), ERR_OK);
+	assert_true(row[0] > 0.0f);
+	assert_true(row[1] == 0.25f && row[2] == 0.5f && row[3] == 0.75f);
+	unload(device, t, slot);
+}
+
+static void test_device_colors_what_has_none(void **state)
+{
+	struct device_tape *t;
+	struct small s;
+	float row[3];
+	int slot;
+
+	(void)state;
+	make_tape(&s, OP_MAX, NULL);
+	t = load(device, &s, &slot);
+	assert_int_equal(device_evaluate(device, t, points, 1, OUTPUT_COLOR,
+	    row, NULL, NULL), ERR_OK);
+	for (int k = 0; k < 3; k++)
+		assert_true(fabs((double)row[k] - TREE_COLOR_DEFAULT) < 1e-6);
+	unload(device, t, slot);
+}
+
 static void test_device_refuses_a_stack_too_deep(void **state)
 {
 	const double params[] = {0.0, 0.0, 0.0, 1.0, 3.0, 1.0};
@@ -373,10 +528,15 @@ static void test_device_refuses_slots_that_do_not_suit(void **state)
 	assert_int_equal(device_load_tape(device, &s.tape, &slot, &t),
 	    ERR_INVALID);
 	s.op.profile = profile_smooth();
-	s.op.resolution++;
+	s.op.layout = LAYOUT_UNIFORM;
 	assert_int_equal(device_load_tape(device, &s.tape, &slot, &t),
 	    ERR_INVALID);
-	s.op.resolution--;
+	s.op.layout = LAYOUT_WARPED;
+	/* A draft may stand in for a larger one. */
+	s.op.resolution *= 4;
+	assert_int_equal(device_load_tape(device, &s.tape, &slot, &t), ERR_OK);
+	device_drop_tape(device, t);
+	t = NULL;
 	device_drop_table(device, slot);
 	assert_int_equal(device_load_tape(device, &s.tape, &slot, &t),
 	    ERR_INVALID);
@@ -417,7 +577,8 @@ static void test_device_batches_of_every_size_agree(void **state)
 	(void)state;
 	check_batches(OUTPUT_VALUE);
 	check_batches(OUTPUT_VALUE | OUTPUT_GRADIENT);
-	check_batches(ALL_OUTPUTS);
+	check_batches(JET);
+	check_batches(OUTPUT_ALL);
 }
 
 static void test_device_batch_of_none_writes_nothing(void **state)
@@ -430,7 +591,7 @@ static void test_device_batch_of_none_writes_nothing(void **state)
 	make_tape(&s, OP_MAX, NULL);
 	t = load(device, &s, &slot);
 	rows[0] = -77.0f;
-	assert_int_equal(device_evaluate(device, t, points, 0, ALL_OUTPUTS,
+	assert_int_equal(device_evaluate(device, t, points, 0, OUTPUT_ALL,
 	    rows, NULL, NULL), ERR_OK);
 	assert_true(rows[0] == -77.0f);
 	unload(device, t, slot);
@@ -439,8 +600,9 @@ static void test_device_batch_of_none_writes_nothing(void **state)
 /* Every combination of outputs picks columns of the full rows. */
 static void test_device_outputs_are_columns_of_the_whole(void **state)
 {
-	static const int first[] = {0, 1, 4}, width[] = {1, 3, 6};
-	enum { N = 300 };
+	static const int first[] = {0, 1, 4, 10, 13, 16};
+	static const int width[] = {1, 3, 6, 3, 3, 2};
+	enum { N = 300, KINDS = sizeof(first) / sizeof(first[0]) };
 	struct device_tape *t;
 	struct small s;
 	int slot;
@@ -448,15 +610,15 @@ static void test_device_outputs_are_columns_of_the_whole(void **state)
 	(void)state;
 	make_tape(&s, OP_MAX, NULL);
 	t = load(device, &s, &slot);
-	assert_int_equal(device_evaluate(device, t, points, N, ALL_OUTPUTS,
+	assert_int_equal(device_evaluate(device, t, points, N, OUTPUT_ALL,
 	    whole, NULL, NULL), ERR_OK);
-	for (unsigned mask = 1; mask <= ALL_OUTPUTS; mask++) {
+	for (unsigned mask = 1; mask <= OUTPUT_ALL; mask++) {
 		const float *at = rows;
 
 		assert_int_equal(device_evaluate(device, t, points, N, mask,
 		    rows, NULL, NULL), ERR_OK);
 		for (int i = 0; i < N; i++)
-			for (int k = 0; k < 3; k++)
+			for (int k = 0; k < KINDS; k++)
 				if (mask & 1u << k) {
 					assert_memory_equal(at, whole + i * ROW +
 					    first[k], (size_t)width[k] *
@@ -577,7 +739,7 @@ static void evaluate_on(const struct device_options *options, uint32_t op,
 
 	make_tape(&s, op, opening);
 	t = load(d, &s, &slot);
-	assert_int_equal(device_evaluate(d, t, points, count, ALL_OUTPUTS, out,
+	assert_int_equal(device_evaluate(d, t, points, count, JET, out,
 	    NULL, NULL), ERR_OK);
 	unload(d, t, slot);
 	device_close(d);
@@ -590,7 +752,8 @@ static double compare_rows(size_t count)
 	double most = 0.0;
 
 	for (size_t i = 0; i < count; i++) {
-		double off = difference(whole + i * ROW, rows + i * ROW, 4);
+		double off = difference(whole + i * JET_ROW,
+		    rows + i * JET_ROW, 4);
 
 		most = off > most ? off : most;
 	}
@@ -684,6 +847,10 @@ int main(void)
 		cmocka_unit_test(test_device_build_failure_brings_the_log),
 		cmocka_unit_test(test_device_names_error_codes),
 		cmocka_unit_test(test_device_refuses_bad_tapes),
+		cmocka_unit_test(test_device_refuses_bad_warps),
+		cmocka_unit_test(test_device_refuses_bad_classics),
+		cmocka_unit_test(test_device_holds_the_deepest_warps),
+		cmocka_unit_test(test_device_colors_what_has_none),
 		cmocka_unit_test(test_device_refuses_a_stack_too_deep),
 		cmocka_unit_test(test_device_refuses_slots_that_do_not_suit),
 		cmocka_unit_test(test_device_batches_of_every_size_agree),

@@ -43,7 +43,8 @@ struct fixture {
 
 static struct document *parse(const char *root)
 {
-	struct document_limits limits = {100, LAYOUT_WARPED};
+	struct document_limits limits = {.max_nodes = 100,
+	    .layout = LAYOUT_WARPED};
 	struct faults faults = {0};
 	struct document *d;
 	char text[1024];

@@ -16,7 +16,8 @@
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
-static const struct document_limits limits = {64, LAYOUT_WARPED};
+static const struct document_limits limits = {.max_nodes = 64,
+    .layout = LAYOUT_WARPED};
 
 static void demand(int fine)
 {

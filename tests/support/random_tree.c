@@ -6,20 +6,39 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/classic.h"
+#include "core/convolution.h"
 #include "core/evaluate.h"
 #include "core/table.h"
 #include "core/tape.h"
 #include "core/tree.h"
+#include "core/volume.h"
 
 #define PI 3.14159265358979323846
 
 /* Room for 64 primitives and the compositions, single ones too, above. */
 #define NODES_MAX 512
 
+/* A way out through affine maps and warps, the outermost first: a map leads
+ * out to each warp's outside, to_last to within the last, or to the world. */
+struct way {
+	const struct warp *warps[RANDOM_TREE_WARPS_MAX];
+	struct affine from[RANDOM_TREE_WARPS_MAX];
+	int warp_count;
+	struct affine to_last;
+};
+
 /* A primitive, and how it lies in the world. */
 struct anchor {
 	const struct primitive *primitive;
-	struct affine to_world;
+	struct way way;
+};
+
+/* Fields on a grid: a smooth one, and a ball's distance. */
+enum {
+	VOLUME_FIELD,
+	VOLUME_BALL,
+	VOLUME_KINDS
 };
 
 struct random_tree {
@@ -28,6 +47,9 @@ struct random_tree {
 	struct tree tree;
 	struct node nodes[NODES_MAX];
 	struct operator operators[NODES_MAX]; /* of each node, if it has one */
+	struct classic classics[NODES_MAX];   /* likewise */
+	struct volume *volumes[VOLUME_KINDS]; /* NULL until used */
+	int warps_open;                       /* above the node being made */
 	struct node *children[NODES_MAX];
 	char ids[NODES_MAX][16];
 	int primitives[NODES_MAX]; /* below each node, refs expanded */
@@ -189,6 +211,49 @@ static void set_operator(struct random_tree *t, struct node *node, bool angle)
 	}
 }
 
+/* Any that a composition of type may have, with moderate parameters. */
+static void set_classic(struct random_tree *t, struct node *node)
+{
+	struct classic *c = t->classics + (node - t->nodes);
+	struct random_stream *r = &t->stream;
+	const int family = node->type == NODE_UNION ? CLASSIC_UNION
+	    : node->type == NODE_INTERSECTION ? CLASSIC_INTERSECTION
+	    : CLASSIC_DIFFERENCE;
+
+	do
+		c->type = (unsigned)random_below(r, CLASSIC_TYPE_COUNT);
+	while (!classic_has_family(c->type, family));
+	switch (c->type) {
+	case CLASSIC_SUPER_ELLIPTIC: /* r1, r2, t */
+		c->p[0] = random_in(r, 0.3, 1.0);
+		c->p[1] = random_in(r, 0.3, 1.0);
+		c->p[2] = random_in(r, 2.0, 4.0);
+		break;
+	case CLASSIC_R_BLEND: /* a0, a1, a2 */
+		c->p[0] = random_in(r, -0.3, 0.3);
+		c->p[1] = random_in(r, 0.3, 1.0);
+		c->p[2] = random_in(r, 0.3, 1.0);
+		break;
+	case CLASSIC_FUNCTIONAL: /* d */
+		c->p[0] = random_in(r, 0.2, 1.0);
+		break;
+	case CLASSIC_RICCI: /* n */
+		c->p[0] = random_in(r, 1.0, 8.0);
+		break;
+	case CLASSIC_BARTHE_OPENING: /* theta1, theta2 */
+		c->p[0] = random_in(r, 0.0, 0.7);
+		c->p[1] = random_in(r, 0.0, 0.7);
+		break;
+	case CLASSIC_INTERPOLATION: /* h */
+		c->p[0] = random_in(r, 0.0, 1.0);
+		break;
+	case CLASSIC_POWER_DIFFERENCE: /* alpha */
+		c->p[0] = random_in(r, 1.0, 6.0);
+		break;
+	}
+	node->classic = c;
+}
+
 static double random_scale(struct random_stream *r)
 {
 	double s = exp2(random_in(r, -1.0, 1.0));
@@ -239,6 +304,13 @@ static struct node *begin_node(struct random_tree *t, enum node_type type)
 	node->id = t->ids[i];
 	node->type = type;
 	set_transform(t, node);
+	if (t->options.whole && !t->options.no_materials &&
+	    chance(&t->stream, 0.3)) {
+		node->has_color = true;
+		node->color = vec3(random_in(&t->stream, 0.0, 1.0),
+		    random_in(&t->stream, 0.0, 1.0),
+		    random_in(&t->stream, 0.0, 1.0));
+	}
 	return node;
 }
 
@@ -255,6 +327,19 @@ static struct node *finish_node(struct random_tree *t, struct node *node,
 	return node;
 }
 
+/* Warps within each other from node down. */
+static int warps_below(const struct node *node)
+{
+	int most = node->type == NODE_REF ? warps_below(node->target) : 0;
+
+	for (size_t i = 0; i < node->child_count; i++) {
+		int below = warps_below(node->children[i]);
+
+		most = below > most ? below : most;
+	}
+	return most + (node->type == NODE_WARP);
+}
+
 /* A finished node with no more than budget primitives, or NULL. */
 static struct node *random_target(struct random_tree *t, int budget)
 {
@@ -264,15 +349,125 @@ static struct node *random_target(struct random_tree *t, int budget)
 		return NULL;
 	target = t->nodes + t->finished[random_below(&t->stream,
 	    t->finished_count)];
+	if (t->warps_open + warps_below(target) > RANDOM_TREE_WARPS_MAX)
+		return NULL;
 	return *primitives_below(t, target) <= budget ? target : NULL;
+}
+
+/* Takes count places for node's children. */
+static void reserve_children(struct random_tree *t, struct node *node,
+    int count)
+{
+	node->children = t->children + t->child_count;
+	node->child_count = (size_t)count;
+	t->child_count += count;
+}
+
+static void set_child(struct node *node, int i, struct node *child)
+{
+	child->parent = node;
+	child->index = (size_t)i;
+	node->children[i] = child;
+}
+
+/* One to three elements of one radius and kernel. */
+static struct node *random_convolution(struct random_tree *t, int budget)
+{
+	struct random_stream *r = &t->stream;
+	struct node *node = begin_node(t, NODE_CONVOLUTION);
+	double radius = random_in(r, 0.15, 0.4);
+	double s = cauchy_default_s(radius) * random_in(r, 0.7, 1.5);
+	int count = 1 + random_below(r, budget < 3 ? budget : 3);
+
+	reserve_children(t, node, count);
+	for (int i = 0; i < count; i++) {
+		struct node *child = t->nodes + t->node_count++;
+
+		assert(t->node_count <= NODES_MAX);
+		child->type = NODE_PRIMITIVE;
+		child->primitive = random_primitive(r, false, false);
+		child->primitive.type = (enum primitive_type)(
+		    PRIMITIVE_CAUCHY_POINT + random_below(r, 3));
+		child->primitive.radius[0] = child->primitive.radius[1] = radius;
+		child->primitive.s = s;
+		child->primitive.weight = random_in(r, 0.5, 1.5);
+		child->primitive.falloff = radius;
+		set_child(node, i, child);
+	}
+	return finish_node(t, node, count);
+}
+
+/* x in [-1, 1]^3: a smooth field, 0 on the box; the distance to a ball. */
+static double sampled(int kind, double x, double y, double z)
+{
+	double r = sqrt(x * x + y * y + z * z);
+
+	if (kind == VOLUME_BALL)
+		return r - 0.45;
+	return fmax(0.0, (1.0 - x * x) * (1.0 - y * y) * (1.0 - z * z)) *
+	    (0.8 + 0.3 * sin(3.0 * x + 2.0 * y - z));
+}
+
+static struct volume *make_volume(int kind)
+{
+	static const size_t count[3] = {18, 20, 22};
+	static float samples[18 * 20 * 22];
+	struct volume *v;
+	float *to = samples;
+
+	for (size_t i = 0; i < count[0]; i++)
+		for (size_t j = 0; j < count[1]; j++)
+			for (size_t k = 0; k < count[2]; k++)
+				*to++ = (float)sampled(kind,
+				    2.0 * (double)i / 17.0 - 1.0,
+				    2.0 * (double)j / 19.0 - 1.0,
+				    2.0 * (double)k / 21.0 - 1.0);
+	if (volume_create(samples, count, vec3(-1.0, -1.0, -1.0),
+	    vec3(1.0, 1.0, 1.0), kind == VOLUME_BALL, &v))
+		abort();
+	return v;
+}
+
+static struct node *random_volume(struct random_tree *t)
+{
+	struct random_stream *r = &t->stream;
+	struct node *node = begin_node(t, NODE_PRIMITIVE);
+	int kind = random_below(r, VOLUME_KINDS);
+	struct primitive *p = &node->primitive;
+
+	if (!t->volumes[kind])
+		t->volumes[kind] = make_volume(kind);
+	*p = (struct primitive){.type = PRIMITIVE_VOLUME,
+		.volume = t->volumes[kind], .radius = {0.6, 0.6}};
+	if (kind == VOLUME_BALL)
+		p->falloff = random_in(r, 0.15, 0.4);
+	return finish_node(t, node, 1);
+}
+
+/* What only the whole language has, or NULL. */
+static struct node *random_whole_leaf(struct random_tree *t, int budget)
+{
+	const struct random_tree_options *o = &t->options;
+
+	if (!o->whole || o->only_soft || o->only_solids)
+		return NULL;
+	if (!o->no_convolution && chance(&t->stream, 0.12))
+		return random_convolution(t, budget);
+	if (!o->no_volumes && chance(&t->stream, 0.08))
+		return random_volume(t);
+	return NULL;
 }
 
 static struct node *random_leaf(struct random_tree *t, int budget)
 {
-	struct node *target = chance(&t->stream, 0.15)
+	struct node *own = random_whole_leaf(t, budget);
+	struct node *target = !own && chance(&t->stream, 0.15)
 	    ? random_target(t, budget) : NULL;
-	struct node *node = begin_node(t, target ? NODE_REF : NODE_PRIMITIVE);
+	struct node *node;
 
+	if (own)
+		return own;
+	node = begin_node(t, target ? NODE_REF : NODE_PRIMITIVE);
 	if (target) {
 		node->target = target;
 		return finish_node(t, node, *primitives_below(t, target));
@@ -291,9 +486,7 @@ static int add_children(struct random_tree *t, struct node *node, int count,
 {
 	int deep = nested > 1 ? random_below(&t->stream, count) : -1, used = 0;
 
-	node->children = t->children + t->child_count;
-	node->child_count = (size_t)count;
-	t->child_count += count;
+	reserve_children(t, node, count);
 	for (int i = 0; i < count; i++) {
 		int kept = count - 1 - i + (i < deep ? nested - 1 : 0);
 		int most = budget - used - kept;
@@ -302,12 +495,45 @@ static int add_children(struct random_tree *t, struct node *node, int count,
 		    : 1 + random_below(&t->stream, most);
 		struct node *child = random_node(t, share, depth - 1, below);
 
-		child->parent = node;
-		child->index = (size_t)i;
-		node->children[i] = child;
+		set_child(node, i, child);
 		used += *primitives_below(t, child);
 	}
 	return used;
+}
+
+/* Of lengths and rates that leave space, within about 1.5 of the origin, mostly
+ * unfolded. */
+static struct warp random_warp(struct random_stream *r)
+{
+	struct warp w = {.type = (unsigned)random_below(r, WARP_TYPE_COUNT)};
+	double sign = chance(r, 0.5) ? -1.0 : 1.0;
+
+	w.axis = random_direction(r);
+	do
+		w.direction = random_direction(r);
+	while (vec3_norm(vec3_cross(w.axis, w.direction)) < 0.05);
+	w.center = random_vec3(r, 0.3);
+	w.has_range = w.type != WARP_TWIST || chance(r, 0.6);
+	w.from = random_in(r, -1.2, -0.3);
+	w.to = random_in(r, 0.3, 1.2);
+	w.scale = exp2(random_in(r, -1.0, 1.0));
+	w.rate = sign * (w.type == WARP_BEND ? random_in(r, 0.1, 0.5)
+	    : random_in(r, 0.1, 1.5));
+	return w;
+}
+
+static struct node *random_warped(struct random_tree *t, int budget, int depth,
+    int nested)
+{
+	struct node *node = begin_node(t, NODE_WARP), *child;
+
+	node->warp = random_warp(&t->stream);
+	reserve_children(t, node, 1);
+	t->warps_open++;
+	child = random_node(t, budget, depth - 1, nested);
+	t->warps_open--;
+	set_child(node, 0, child);
+	return finish_node(t, node, *primitives_below(t, child));
 }
 
 static enum node_type random_type(struct random_stream *r, bool angle)
@@ -334,6 +560,9 @@ static struct node *random_composition(struct random_tree *t, int budget,
 	else if (type != NODE_SUM && nested <= 0 && !t->options.no_sharp &&
 	    chance(r, 0.2))
 		node->sharp = true;
+	else if (type != NODE_SUM && nested <= 0 && t->options.whole &&
+	    !t->options.no_classic && chance(r, 0.25))
+		set_classic(t, node);
 	else if (type != NODE_SUM)
 		set_operator(t, node, angle);
 	return finish_node(t, node, add_children(t, node, count, budget, depth,
@@ -346,6 +575,9 @@ static struct node *random_node(struct random_tree *t, int budget, int depth,
 	bool leaf = budget == 1 ? chance(&t->stream, 0.95)
 	    : chance(&t->stream, 0.25);
 
+	if (t->options.whole && !t->options.no_warps && depth > 0 &&
+	    t->warps_open < 2 && chance(&t->stream, 0.15))
+		return random_warped(t, budget, depth, nested);
 	if (nested <= 0 && (depth <= 0 || leaf))
 		return random_leaf(t, budget);
 	return random_composition(t, budget, depth, nested);
@@ -362,9 +594,11 @@ static struct vec3 near_primitive(struct random_stream *r,
 	*reach = fmax(p->radius[0], p->radius[1]);
 	switch (p->type) {
 	case PRIMITIVE_TRIANGLE:
+	case PRIMITIVE_CAUCHY_TRIANGLE:
 		x = vec3_axpy(u, ab, vec3_axpy(v, ac, x));
 		break;
 	case PRIMITIVE_SEGMENT:
+	case PRIMITIVE_CAUCHY_SEGMENT:
 	case PRIMITIVE_CYLINDER:
 	case PRIMITIVE_CAPSULE:
 	case PRIMITIVE_CONE:
@@ -389,6 +623,35 @@ static struct vec3 near_primitive(struct random_stream *r,
 	return x;
 }
 
+/* About where w takes x to: the p with W(p) = x, by Newton's iteration. */
+static struct vec3 unwarp(const struct warp *w, struct vec3 x)
+{
+	double params[WARP_PARAMS_MAX];
+	struct vec3 p = x;
+	struct warp_jet at;
+
+	warp_prepare(w, params);
+	for (int i = 0; i < 20; i++) {
+		struct affine step = affine_identity(), back;
+
+		warp_eval(w->type, params, p, 1, &at);
+		memcpy(step.a, at.jacobian, sizeof(step.a));
+		if (!affine_invert(&step, &back))
+			break;
+		p = vec3_add(p, affine_point(&back, vec3_sub(x, at.point)));
+	}
+	return vec3_norm(vec3_sub(p, x)) < 10.0 ? p : x;
+}
+
+/* x, of the innermost frame, in the world. */
+static struct vec3 walk_out(const struct way *way, struct vec3 x)
+{
+	x = affine_point(&way->to_last, x);
+	for (int i = way->warp_count; i-- > 0;)
+		x = affine_point(way->from + i, unwarp(way->warps[i], x));
+	return x;
+}
+
 /* A point in the world near anchor's primitive. */
 static struct vec3 near_anchor(struct random_stream *r,
     const struct anchor *anchor)
@@ -398,21 +661,33 @@ static struct vec3 near_anchor(struct random_stream *r,
 	double s = reach * random_in(r, 0.0, 1.0);
 
 	x = vec3_axpy(s, random_direction(r), x);
-	return affine_point(&anchor->to_world, x);
+	return walk_out(&anchor->way, x);
+}
+
+static void enter_warp(struct way *way, const struct warp *warp)
+{
+	int i = way->warp_count++;
+
+	assert(i < RANDOM_TREE_WARPS_MAX);
+	way->warps[i] = warp;
+	way->from[i] = way->to_last;
+	way->to_last = affine_identity();
 }
 
 static void add_anchors(struct random_tree *t, const struct node *node,
-    struct affine to_world)
+    struct way way)
 {
 	if (node->has_transform)
-		to_world = affine_compose(&to_world, &node->transform);
+		way.to_last = affine_compose(&way.to_last, &node->transform);
 	if (node->type == NODE_PRIMITIVE)
 		t->anchors[t->anchor_count++] = (struct anchor){
-		    &node->primitive, to_world};
+		    &node->primitive, way};
 	if (node->type == NODE_REF)
-		add_anchors(t, node->target, to_world);
+		add_anchors(t, node->target, way);
+	if (node->type == NODE_WARP)
+		enter_warp(&way, &node->warp);
 	for (size_t i = 0; i < node->child_count; i++)
-		add_anchors(t, node->children[i], to_world);
+		add_anchors(t, node->children[i], way);
 }
 
 static void find_box(struct random_tree *t)
@@ -447,13 +722,16 @@ struct random_tree *random_tree_create(const struct random_tree_options *o)
 	    : random_composition(t, t->options.max_primitives,
 	    t->options.max_depth, o->nested ? o->nested : -1);
 	t->tree.null_gradient = TREE_NULL_GRADIENT;
-	add_anchors(t, t->tree.root, affine_identity());
+	add_anchors(t, t->tree.root,
+	    (struct way){.to_last = affine_identity()});
 	find_box(t);
 	return t;
 }
 
 void random_tree_free(struct random_tree *t)
 {
+	for (int i = 0; t && i < VOLUME_KINDS; i++)
+		volume_release(t->volumes[i]);
 	free(t);
 }
 

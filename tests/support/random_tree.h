@@ -27,6 +27,9 @@ int random_below(struct random_stream *r, int count);
 
 #define RANDOM_TREE_PRIMITIVES_MAX 64
 
+/* Warps within each other, refs followed. */
+#define RANDOM_TREE_WARPS_MAX 3
+
 enum random_profile {
 	RANDOM_PROFILE_ANY, /* any of the following */
 	RANDOM_PROFILE_SMOOTH,
@@ -37,7 +40,13 @@ enum random_profile {
 	RANDOM_PROFILE_COUNT
 };
 
-/* Zero gives trees of every node type and operator. */
+/*
+ * Zero gives trees of primitives, transforms, refs and compositions by every
+ * gradient-based operator, sum and ricci. whole adds the rest of the language,
+ * but for what no_* leaves out: warps, up to RANDOM_TREE_WARPS_MAX within each
+ * other; operators without angles; convolutions and volumes among the leaves;
+ * colours at any node.
+ */
 struct random_tree_options {
 	uint64_t seed;
 	int max_primitives; /* after expanding refs; 0: 40 */
@@ -51,6 +60,8 @@ struct random_tree_options {
 	int nested;
 	bool only_soft, only_solids;
 	bool no_transforms, no_refs, no_sharp;
+	bool whole;
+	bool no_warps, no_classic, no_convolution, no_volumes, no_materials;
 	enum random_profile profile; /* not ANY: of custom openings, all that is
 	                              * left then of operators */
 	enum table_layout layout;    /* of every operator, at its default size */
@@ -65,8 +76,8 @@ const struct tree *random_tree_get(const struct random_tree *t);
 
 /*
  * count points, xyz: a quarter each uniform over a box about the primitives,
- * near a primitive, near one where the field is not 0 (where that is soon
- * found), near the iso-surface (likewise). tape is t's.
+ * near a primitive (where warps take it), near one where the field is not 0
+ * (where that is soon found), near the iso-surface (likewise). tape is t's.
  */
 void random_tree_points(const struct random_tree *t, const struct tape *tape,
     uint64_t seed, size_t count, float *xyz);

@@ -21,13 +21,13 @@ static const float rows[20] = {
 	0.1f, 0, -0.0f, 1e-7f, -1, -2, -3, -4, -5, -6,
 };
 
-static void check_json(size_t count, unsigned outputs, bool flat,
+static void check_json(size_t count, unsigned outputs, unsigned flags,
     const char *expected)
 {
 	size_t length;
 	char *text;
 
-	assert_int_equal(answer_json(rows, count, outputs, flat, &text,
+	assert_int_equal(answer_json(rows, count, outputs, flags, &text,
 	    &length), ERR_OK);
 	assert_int_equal(length, strlen(expected));
 	assert_memory_equal(text, expected, length);
@@ -37,7 +37,7 @@ static void check_json(size_t count, unsigned outputs, bool flat,
 static void test_json_nested(void **unused)
 {
 	(void)unused;
-	check_json(2, OUTPUT_VALUE | OUTPUT_GRADIENT | OUTPUT_HESSIAN, false,
+	check_json(2, OUTPUT_VALUE | OUTPUT_GRADIENT | OUTPUT_HESSIAN, 0,
 	    "{\"count\":2,\"value\":[0.5,0.1],"
 	    "\"gradient\":[[1,-2,0.25],[0,0,1e-7]],"
 	    "\"hessian\":[[1,2,3,4,5,6],[-1,-2,-3,-4,-5,-6]]}");
@@ -46,18 +46,26 @@ static void test_json_nested(void **unused)
 static void test_json_flat(void **unused)
 {
 	(void)unused;
-	check_json(2, OUTPUT_VALUE | OUTPUT_GRADIENT | OUTPUT_HESSIAN, true,
+	check_json(2, OUTPUT_VALUE | OUTPUT_GRADIENT | OUTPUT_HESSIAN,
+	    ANSWER_FLAT,
 	    "{\"count\":2,\"value\":[0.5,0.1],"
 	    "\"gradient\":[1,-2,0.25,0,0,1e-7],"
 	    "\"hessian\":[1,2,3,4,5,6,-1,-2,-3,-4,-5,-6]}");
 }
 
+static void test_json_says_that_it_is_a_draft(void **unused)
+{
+	(void)unused;
+	check_json(2, OUTPUT_VALUE, ANSWER_DRAFT,
+	    "{\"count\":2,\"draft\":true,\"value\":[0.5,1]}");
+}
+
 static void test_json_of_one_output(void **unused)
 {
 	(void)unused;
-	check_json(3, OUTPUT_VALUE, false,
+	check_json(3, OUTPUT_VALUE, 0,
 	    "{\"count\":3,\"value\":[0.5,1,-2]}");
-	check_json(2, OUTPUT_GRADIENT, false,
+	check_json(2, OUTPUT_GRADIENT, 0,
 	    "{\"count\":2,\"gradient\":[[0.5,1,-2],[0.25,1,2]]}");
 }
 
@@ -70,7 +78,7 @@ static void test_json_of_no_points(void **unused)
 
 	(void)unused;
 	assert_int_equal(answer_json(NULL, 0, OUTPUT_VALUE | OUTPUT_GRADIENT,
-	    false, &text, &length), ERR_OK);
+	    0, &text, &length), ERR_OK);
 	assert_int_equal(length, sizeof expected - 1);
 	assert_memory_equal(text, expected, length);
 	free(text);
@@ -89,7 +97,7 @@ static void test_json_of_the_longest_numbers_fits(void **unused)
 	for (i = 0; i < N * 10; i++)
 		longest[i] = -1.00000016e-5f;
 	assert_int_equal(answer_json(longest, N, OUTPUT_VALUE |
-	    OUTPUT_GRADIENT | OUTPUT_HESSIAN, false, &text, &length), ERR_OK);
+	    OUTPUT_GRADIENT | OUTPUT_HESSIAN, 0, &text, &length), ERR_OK);
 	assert_true(length > (size_t)N * 10 * 15);
 	assert_int_equal(text[length - 1], '}');
 	free(text);
@@ -102,7 +110,7 @@ static void test_json_too_large_is_out_of_memory(void **unused)
 	char *text;
 
 	(void)unused;
-	assert_int_equal(answer_json(rows, SIZE_MAX / 20, OUTPUT_VALUE, false,
+	assert_int_equal(answer_json(rows, SIZE_MAX / 20, OUTPUT_VALUE, 0,
 	    &text, &length), ERR_MEMORY);
 }
 
@@ -242,10 +250,10 @@ static void test_every_allocation_may_fail(void **unused)
 	assert_int_equal(fail_alloc_live(), 0);
 	assert_true(n > 10);
 	fail_alloc_set(1);
-	assert_int_equal(answer_json(rows, 1, OUTPUT_VALUE, true, &text,
+	assert_int_equal(answer_json(rows, 1, OUTPUT_VALUE, ANSWER_FLAT, &text,
 	    &length), ERR_MEMORY);
 	fail_alloc_set(2);
-	assert_int_equal(answer_json(rows, 1, OUTPUT_VALUE, true, &text,
+	assert_int_equal(answer_json(rows, 1, OUTPUT_VALUE, ANSWER_FLAT, &text,
 	    &length), ERR_OK);
 	fail_alloc_set(0);
 	assert_memory_equal(text, "{\"count\":1,\"value\":[0.5]}", length);
@@ -257,6 +265,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_json_nested),
 		cmocka_unit_test(test_json_flat),
+		cmocka_unit_test(test_json_says_that_it_is_a_draft),
 		cmocka_unit_test(test_json_of_one_output),
 		cmocka_unit_test(test_json_of_no_points),
 		cmocka_unit_test(test_json_of_the_longest_numbers_fits),

@@ -12,6 +12,7 @@
 
 #include <cjson/cJSON.h>
 
+#include "core/classic.h"
 #include "core/evaluate.h"
 #include "core/table.h"
 #include "core/tape.h"
@@ -29,7 +30,8 @@
 #define SPHERE "{'type':'sphere','center':[0,0,0],'radius':1,'falloff':1}"
 #define POINT "{'type':'point','center':[0,0,0],'radius':1}"
 
-static const struct document_limits limits = {1000, LAYOUT_WARPED};
+static const struct document_limits limits = {.max_nodes = 1000,
+    .layout = LAYOUT_WARPED};
 
 /* malloc'd text with " for '. */
 static char *quote(const char *text)
@@ -115,7 +117,8 @@ static void check_vec3(struct vec3 v, double x, double y, double z)
 
 static void test_example_of_the_specification(void **unused)
 {
-	struct document *d = parse_well(EXAMPLE(""));
+	struct document *d = parse_well(
+	    EXAMPLE(", 'material': {'color': [0.8,0.2,0.1]}"));
 	const struct node *root = document_tree(d)->root, *leg;
 	struct opening camel;
 
@@ -141,10 +144,10 @@ static void test_example_of_the_specification(void **unused)
 	assert_true(leg->primitive.radius[1] == 0.25);
 	assert_true(leg->primitive.exponent == 3.0);
 	assert_true(leg->primitive.weight == 1.0);
+	assert_true(leg->has_color && !root->has_color);
+	check_vec3(leg->color, 0.8, 0.2, 0.1);
 	assert_int_equal(document_tape(d)->node_count, 3);
 	document_free(d);
-	check_refused(EXAMPLE(", 'material': {'color': [0.8,0.2,0.1]}"),
-	    ERR_INVALID, "/root/children/0/material", "not supported yet");
 }
 
 static void test_every_soft_object(void **unused)
@@ -468,7 +471,8 @@ static void test_top_level_settings(void **unused)
 
 static void test_layout_defaults_to_the_limits(void **unused)
 {
-	const struct document_limits uniform = {10, LAYOUT_UNIFORM};
+	const struct document_limits uniform = {.max_nodes = 10,
+	    .layout = LAYOUT_UNIFORM};
 	char *text = quote(DOC("{'type':'union','children':[" SPHERE "]}"));
 	struct faults faults = {0};
 	struct document *d;
@@ -529,14 +533,6 @@ static const struct {
 	{DOC("{'type':'spere'}"), "/root/type",
 	    "unknown node type 'spere'; did you mean 'sphere'?"},
 	{DOC("{'type':'teapot'}"), "/root/type", "unknown node type 'teapot'"},
-	/* what is to come */
-	{DOC("{'type':'convolution'}"), "/root/type",
-	    "'convolution' is not supported yet"},
-	{DOC("{'type':'twist'}"), "/root/type", "'twist' is not supported yet"},
-	{DOC("{'type':'taper'}"), "/root/type", "not supported yet"},
-	{DOC("{'type':'bend'}"), "/root/type", "not supported yet"},
-	{PLACED("'material':{}"), "/root/material",
-	    "'material' is not supported yet"},
 	/* fields of primitives */
 	{NODE("point", "'center':[0,0,0],'raduis':1"), "/root/raduis",
 	    "unknown field 'raduis'; did you mean 'radius'?"},
@@ -956,7 +952,8 @@ static void test_deep_json_is_bounded(void **unused)
 
 static void test_nodes_are_bounded(void **unused)
 {
-	const struct document_limits three = {3, LAYOUT_WARPED};
+	const struct document_limits three = {.max_nodes = 3,
+	    .layout = LAYOUT_WARPED};
 	char *fits = quote(DOC("{'type':'sum','children':[" POINT "," POINT
 	    "]}"));
 	char *over = quote(DOC("{'type':'sum','children':[" POINT "," POINT ","
@@ -1198,7 +1195,9 @@ static void test_schema_and_parser_know_the_same_fields(void **unused)
 	    "scale", "matrix", "center", "radius", "radii", "exponent",
 	    "weight", "a", "b", "c", "normal", "disc_radius", "ring_radius",
 	    "falloff", "half_size", "rounding", "axis", "major", "minor",
-	    "point", "children", "operator", "n", "ref", "child", "k"};
+	    "point", "children", "operator", "n", "ref", "child", "k",
+	    "material", "volume", "kernel", "s", "elements", "center", "rate",
+	    "from", "to", "direction", "factor", "color"};
 	struct arena arena = {0};
 	cJSON *schema = read_schema(&arena);
 	const cJSON *defs = cJSON_GetObjectItemCaseSensitive(schema, "$defs");
@@ -1226,7 +1225,275 @@ static void test_schema_and_parser_know_the_same_fields(void **unused)
 				    fields[i]);
 		}
 	}
-	assert_int_equal(types, 18);
+	assert_int_equal(types, 23);
+	arena_fini(&arena);
+}
+
+/* --- operators without angles ------------------------------------------------ */
+
+/* Checks the classic operator of a node of that type whose "operator" is
+ * text: its type, and its own numbers. */
+static void check_classic(const char *node, const char *text, unsigned type,
+    double p0, double p1, double p2)
+{
+	char buffer[1024];
+	struct document *d;
+	const struct node *root;
+
+	snprintf(buffer, sizeof buffer, DOC("{'type':'%s','operator':%s,"
+	    "'children':[" POINT "," POINT "]}"), node, text);
+	d = parse_well(buffer);
+	root = document_tree(d)->root;
+	assert_non_null(root->classic);
+	assert_null(root->op);
+	assert_false(root->sharp);
+	assert_int_equal(root->classic->type, type);
+	assert_true(root->classic->p[0] == p0);
+	assert_true(root->classic->p[1] == p1);
+	assert_true(root->classic->p[2] == p2);
+	assert_int_equal(document_tape(d)->operator_count, 0);
+	document_free(d);
+}
+
+static void test_operators_without_angles(void **unused)
+{
+	(void)unused;
+	check_classic("union", "{'type':'super-elliptic'}",
+	    CLASSIC_SUPER_ELLIPTIC, 0.5, 0.5, 2);
+	check_classic("difference", "{'r2':0.25,'type':'super-elliptic','t':8,"
+	    "'r1':1}", CLASSIC_SUPER_ELLIPTIC, 1, 0.25, 8);
+	check_classic("union", "{'type':'r-blend'}", CLASSIC_R_BLEND, 0.2, 0.5,
+	    0.5);
+	check_classic("intersection", "{'type':'r-blend','a0':-1,'a1':2,"
+	    "'a2':3}", CLASSIC_R_BLEND, -1, 2, 3);
+	check_classic("union", "{'type':'functional'}", CLASSIC_FUNCTIONAL, 0.5,
+	    0, 0);
+	check_classic("union", "{'type':'functional','d':2}",
+	    CLASSIC_FUNCTIONAL, 2, 0, 0);
+	check_classic("union", "{'type':'r-clean'}", CLASSIC_R_CLEAN, 0, 0, 0);
+	check_classic("difference", "{'type':'barthe-clean'}",
+	    CLASSIC_BARTHE_CLEAN, 0, 0, 0);
+	check_classic("union", "{'type':'ricci'}", CLASSIC_RICCI, 2, 0, 0);
+	check_classic("union", "{'type':'ricci','n':1}", CLASSIC_RICCI, 1, 0,
+	    0);
+	check_classic("union", "{'type':'interpolation','h':1}",
+	    CLASSIC_INTERPOLATION, 1, 0, 0);
+	check_classic("difference", "{'type':'power-difference','alpha':2.5}",
+	    CLASSIC_POWER_DIFFERENCE, 2.5, 0, 0);
+	check_classic("difference", "{'type':'power-difference'}",
+	    CLASSIC_POWER_DIFFERENCE, 1, 0, 0);
+}
+
+static void test_boundary_lines_have_one_angle_or_two(void **unused)
+{
+	(void)unused;
+	check_classic("union", "{'type':'barthe-opening'}",
+	    CLASSIC_BARTHE_OPENING, PI / 8, PI / 8, 0);
+	check_classic("union", "{'type':'barthe-opening','theta':0.25}",
+	    CLASSIC_BARTHE_OPENING, 0.25, 0.25, 0);
+	check_classic("union", "{'type':'barthe-opening','theta':[0.25,0.5]}",
+	    CLASSIC_BARTHE_OPENING, 0.25, 0.5, 0);
+	check_classic("union", "{'type':'barthe-opening','theta':"
+	    "[-0.0005,0.7854]}", CLASSIC_BARTHE_OPENING, 0, PI / 4, 0);
+}
+
+static void test_operators_without_angles_can_be_named(void **unused)
+{
+	struct document *d = parse_well("{'format':'blobfield/1','operators':"
+	    "{'cut':{'type':'power-difference'},'join':{'type':'r-clean'},"
+	    "'soft':{'type':'gradient','opening':'camel'}},'root':{'type':"
+	    "'union','operator':'join','children':[{'type':'difference',"
+	    "'operator':'cut','children':[" POINT "," POINT "]},"
+	    "{'type':'union','operator':'soft','children':[" POINT "," POINT
+	    "]},{'type':'difference','operator':'join','children':[" POINT ","
+	    POINT "]}]}}");
+	const struct node *root = document_tree(d)->root;
+
+	(void)unused;
+	assert_int_equal(root->classic->type, CLASSIC_R_CLEAN);
+	assert_int_equal(root->children[0]->classic->type,
+	    CLASSIC_POWER_DIFFERENCE);
+	assert_null(root->children[1]->classic);
+	assert_false(opening_is_constant(&root->children[1]->op->opening));
+	assert_ptr_equal(root->children[2]->classic, root->classic);
+	assert_true(document_has_operators(d));
+	document_free(d);
+}
+
+/* From the document to the field: the point's centre, and far away. */
+static void test_operators_without_angles_are_evaluated(void **unused)
+{
+	struct document *d = parse_well(DOC("{'type':'union','operator':"
+	    "{'type':'ricci','n':2},'children':[" POINT ",{'type':'point',"
+	    "'center':[0,0,0],'radius':1,'weight':0.75}]}"));
+	struct jet jet;
+
+	(void)unused;
+	evaluate(document_tape(d), vec3(0, 0, 0), 0, &jet);
+	assert_true(fabs(jet.value - 1.25) < 1e-15);
+	document_free(d);
+	d = parse_well(DOC("{'type':'difference','operator':{'type':"
+	    "'power-difference','alpha':2},'children':[" POINT ",{'type':"
+	    "'point','center':[0,0,0],'radius':1,'weight':0.25}]}"));
+	evaluate(document_tape(d), vec3(0, 0, 0), 0, &jet);
+	assert_true(fabs(jet.value - 0.875) < 1e-15);
+	document_free(d);
+}
+
+static void test_operators_without_angles_want_memory(void **unused)
+{
+	char *text = quote("{'format':'blobfield/1','operators':{'cut':"
+	    "{'type':'power-difference'},'join':{'type':'barthe-opening'}},"
+	    "'root':{'type':'union','operator':'join','children':[{'type':"
+	    "'difference','operator':'cut','children':[" POINT "," POINT "]},"
+	    "{'type':'union','operator':{'type':'ricci'},'children':[" POINT
+	    "," POINT "]}]}}");
+
+	(void)unused;
+	if (!fail_alloc_available())
+		skip();
+	assert_true(fail_each_allocation(text) > 3);
+	free(text);
+}
+
+static void test_drafts_are_asked_for(void **unused)
+{
+	(void)unused;
+	assert_false(with_operator("{}").draft);
+	assert_false(with_operator("{'draft':false}").draft);
+	assert_true(with_operator("{'type':'gradient','draft':true}").draft);
+	assert_false(with_operator("'camel'").draft);
+}
+
+static void test_wrong_operator_objects_are_refused(void **unused)
+{
+	static const struct {
+		const char *text, *pointer, *words;
+	} cases[] = {
+		{UNION("'operator':{'type':'rici'}"), "/root/operator/type",
+		    "unknown operator type 'rici'; did you mean 'ricci'?"},
+		{UNION("'operator':{'type':'sharp'}"), "/root/operator/type",
+		    "unknown operator type 'sharp'"},
+		{UNION("'operator':{'type':null}"), "/root/operator/type",
+		    "must be a string"},
+		{UNION("'operator':{'type':'ricci','n':0.5}"),
+		    "/root/operator/n", "between 1 and 1000"},
+		{UNION("'operator':{'type':'ricci','profile':'smooth'}"),
+		    "/root/operator/profile", "unknown field"},
+		{UNION("'operator':{'n':2}"), "/root/operator/n",
+		    "unknown field"},
+		{UNION("'operator':{'type':'r-clean','a0':1}"),
+		    "/root/operator/a0", "unknown field"},
+		{UNION("'operator':{'type':'barthe-opening','theta':0.8}"),
+		    "/root/operator/theta", "between"},
+		{UNION("'operator':{'type':'barthe-opening','theta':[0.1]}"),
+		    "/root/operator/theta", "must have 2 numbers"},
+		{UNION("'operator':{'type':'barthe-opening','theta':[0.1,-1]}"),
+		    "/root/operator/theta/1", "between"},
+		{UNION("'operator':{'type':'barthe-opening','theta':'wide'}"),
+		    "/root/operator/theta", "must be a number"},
+		{UNION("'operator':{'draft':1}"), "/root/operator/draft",
+		    "must be true or false, not a number"},
+		{UNION("'operator':{'type':'ricci','draft':true}"),
+		    "/root/operator/draft", "unknown field"},
+		{UNION("'operator':{'type':'power-difference'}"),
+		    "/root/operator", "a power-difference operator is for a "
+		    "difference alone"},
+		{DOC("{'type':'intersection','operator':{'type':"
+		    "'power-difference'},'children':[" POINT "]}"),
+		    "/root/operator", "for a difference alone"},
+		{"{'format':'blobfield/1','operators':{'cut':{'type':"
+		    "'power-difference'}},'root':{'type':'union','operator':"
+		    "'cut','children':[" POINT "]}}", "/root/operator",
+		    "for a difference alone"},
+		{"{'format':'blobfield/1','operators':{'x':{'type':'ricci',"
+		    "'n':'2'}},'root':" POINT "}", "/operators/x/n",
+		    "must be a number"},
+	};
+
+	(void)unused;
+	for (size_t i = 0; i < COUNT(cases); i++)
+		check_refused(cases[i].text, ERR_INVALID, cases[i].pointer,
+		    cases[i].words);
+}
+
+/* Parses a difference whose operator of that type (- for the schema's _) has
+ * the member: the first fault's detail, or "". */
+static void operator_fault(const char *type, const char *member,
+    const char *value, char out[static FAULT_DETAIL_MAX])
+{
+	char text[512], dashed[64], *dash;
+	struct document *d = NULL;
+	struct faults faults;
+
+	snprintf(dashed, sizeof dashed, "%s", type);
+	while ((dash = strchr(dashed, '_')))
+		*dash = '-';
+	snprintf(text, sizeof text, DOC("{'type':'difference','operator':"
+	    "{'type':'%s','%s':%s},'children':[" POINT "]}"), dashed, member,
+	    value);
+	out[0] = '\0';
+	if (parse(text, &d, &faults) != ERR_OK)
+		snprintf(out, FAULT_DETAIL_MAX, "%s", faults.list[0].detail);
+	document_free(d);
+}
+
+/* Ends of a number's range are allowed, and what is beyond is not. */
+static void check_range(const char *type, const cJSON *property)
+{
+	static const char *const ends[] = {"minimum", "maximum"};
+
+	for (int i = 0; i < 2; i++) {
+		const double end = cJSON_GetObjectItemCaseSensitive(property,
+		    ends[i])->valuedouble;
+		char value[64], fault[FAULT_DETAIL_MAX];
+
+		snprintf(value, sizeof value, "%.17g", end);
+		operator_fault(type, property->string, value, fault);
+		assert_string_equal(fault, "");
+		snprintf(value, sizeof value, "%.17g", end + (i ? 0.01 :
+		    -0.001));
+		operator_fault(type, property->string, value, fault);
+		assert_non_null(strstr(fault, "must be between"));
+	}
+}
+
+static void test_schema_and_parser_know_the_same_operators(void **unused)
+{
+	static const char *const members[] = {"profile", "opening", "layout",
+	    "resolution", "draft", "r1", "r2", "t", "a0", "a1", "a2", "d", "n",
+	    "theta", "h", "alpha", "k", "w"};
+	struct arena arena = {0};
+	const cJSON *defs = cJSON_GetObjectItemCaseSensitive(
+	    read_schema(&arena), "$defs");
+	const cJSON *def, *properties, *property;
+	char fault[FAULT_DETAIL_MAX];
+	size_t types = 0, ranges = 0;
+
+	(void)unused;
+	cJSON_ArrayForEach(def, defs) {
+		const char *type = def->string + 9;
+
+		if (strncmp(def->string, "operator_", 9) != 0)
+			continue;
+		types++;
+		properties = cJSON_GetObjectItemCaseSensitive(def,
+		    "properties");
+		for (size_t i = 0; i < COUNT(members); i++) {
+			operator_fault(type, members[i], "null", fault);
+			property = cJSON_GetObjectItemCaseSensitive(properties,
+			    members[i]);
+			assert_int_equal(!property, !!strstr(fault,
+			    "unknown field"));
+			if (!property || !cJSON_HasObjectItem(property,
+			    "minimum"))
+				continue;
+			check_range(type, property);
+			ranges++;
+		}
+	}
+	assert_int_equal(types, 10);
+	assert_int_equal(ranges, 11);
 	arena_fini(&arena);
 }
 
@@ -1268,6 +1535,15 @@ int main(void)
 		cmocka_unit_test(test_duplicates_in_parsed_json_are_faults),
 		cmocka_unit_test(test_every_allocation_may_fail),
 		cmocka_unit_test(test_schema_and_parser_know_the_same_fields),
+		cmocka_unit_test(test_operators_without_angles),
+		cmocka_unit_test(test_boundary_lines_have_one_angle_or_two),
+		cmocka_unit_test(test_operators_without_angles_can_be_named),
+		cmocka_unit_test(test_operators_without_angles_are_evaluated),
+		cmocka_unit_test(test_operators_without_angles_want_memory),
+		cmocka_unit_test(test_drafts_are_asked_for),
+		cmocka_unit_test(test_wrong_operator_objects_are_refused),
+		cmocka_unit_test(
+		    test_schema_and_parser_know_the_same_operators),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -21,7 +21,8 @@
 
 static struct document *model(const char *operator, const char *children)
 {
-	struct document_limits limits = {100, LAYOUT_WARPED};
+	struct document_limits limits = {.max_nodes = 100,
+	    .layout = LAYOUT_WARPED};
 	struct faults faults = {0};
 	struct document *d;
 	char text[2048];

@@ -88,8 +88,12 @@ static double largest(const struct sym3 *h)
 	    fmax(fmax(fabs(h->xy), fabs(h->xz)), fabs(h->yz)));
 }
 
+/* Soft objects and solids; the elements of convolutions, and volumes, have
+ * tests of their own. */
+#define SHAPE_COUNT PRIMITIVE_CAUCHY_POINT
+
 /* One of each, by the origin. */
-static const struct primitive sample[PRIMITIVE_COUNT] = {
+static const struct primitive sample[SHAPE_COUNT] = {
 	[PRIMITIVE_POINT] = {.type = PRIMITIVE_POINT, .radius = {0.5},
 	    .exponent = 3.0, .weight = 1.0},
 	[PRIMITIVE_SEGMENT] = {.type = PRIMITIVE_SEGMENT, .b = {0.0, 0.0, 1.0},
@@ -214,12 +218,12 @@ static void test_value_is_closed_form_in_every_region(void **state)
 
 static void test_every_type_has_a_spot(void **state)
 {
-	bool seen[PRIMITIVE_COUNT] = {false};
+	bool seen[SHAPE_COUNT] = {false};
 
 	(void)state;
 	for (size_t i = 0; i < SPOT_COUNT; i++)
 		seen[spots[i].type] = true;
-	for (int i = 0; i < PRIMITIVE_COUNT; i++)
+	for (int i = 0; i < SHAPE_COUNT; i++)
 		assert_true(seen[i]);
 }
 
@@ -405,7 +409,7 @@ static void test_outside_support_everything_is_exactly_zero(void **state)
 
 	(void)state;
 	srand48(2);
-	for (int i = 0; i < PRIMITIVE_COUNT; i++)
+	for (int i = 0; i < SHAPE_COUNT; i++)
 		for (size_t k = 0; k < 5 * 50; k++) {
 			/* No sample reaches 4 from the origin; the plane's
 			 * inside is below. */
@@ -440,7 +444,7 @@ static void test_field_joins_zero_at_support_boundary(void **state)
 static void test_deep_inside_solids_is_one_and_flat(void **state)
 {
 	(void)state;
-	for (int i = PRIMITIVE_SPHERE; i < PRIMITIVE_COUNT; i++) {
+	for (int i = PRIMITIVE_SPHERE; i < SHAPE_COUNT; i++) {
 		struct primitive p = sample[i];
 		struct vec3 x = i == PRIMITIVE_TORUS ? vec3(0.7, 0.0, 0.0) :
 		    i == PRIMITIVE_PLANE ? vec3(3.0, 0.0, -0.1) :
@@ -471,7 +475,7 @@ static void test_size_is_support_or_falloff(void **state)
 	    0.5 * 2.507032809494771, 1e-15);
 	assert_near("segment", primitive_size(&sample[PRIMITIVE_SEGMENT]),
 	    0.5 * 2.201663485154594, 1e-15);
-	for (int i = PRIMITIVE_SPHERE; i < PRIMITIVE_COUNT; i++)
+	for (int i = PRIMITIVE_SPHERE; i < SHAPE_COUNT; i++)
 		assert_true(primitive_size(&sample[i]) == sample[i].falloff);
 }
 
@@ -480,14 +484,14 @@ static void test_preparing_follows_the_tape_order(void **state)
 	static const struct {
 		OPCODE_UINT op;
 		int count;
-	} expected[PRIMITIVE_COUNT] = {{OP_POINT, 6}, {OP_SEGMENT, 11},
+	} expected[SHAPE_COUNT] = {{OP_POINT, 6}, {OP_SEGMENT, 11},
 	    {OP_TRIANGLE, 12}, {OP_DISC, 10}, {OP_CIRCLE, 10}, {OP_SPHERE, 5},
 	    {OP_BOX, 8}, {OP_CYLINDER, 9}, {OP_CAPSULE, 9}, {OP_CONE, 10},
 	    {OP_TORUS, 9}, {OP_PLANE, 7}};
 	double params[PRIMITIVE_PARAMS_MAX];
 
 	(void)state;
-	for (int i = 0; i < PRIMITIVE_COUNT; i++) {
+	for (int i = 0; i < SHAPE_COUNT; i++) {
 		assert_int_equal(primitive_opcode(sample[i].type),
 		    expected[i].op);
 		assert_int_equal(primitive_prepare(&sample[i], params),
@@ -785,8 +789,8 @@ static void test_wild_points_and_sizes_give_finite_jets(void **state)
 	srand48(6);
 	for (int i = 0; i < 240000; i++) {
 		struct primitive p = wild_primitive(
-		    (enum primitive_type)(i % PRIMITIVE_COUNT));
-		struct vec3 x = wild_point(&p, i / PRIMITIVE_COUNT);
+		    (enum primitive_type)(i % SHAPE_COUNT));
+		struct vec3 x = wild_point(&p, i / SHAPE_COUNT);
 		struct jet j = eval(&p, x, 2);
 
 		if (!is_finite(&j) || j.value < 0.0)

@@ -19,7 +19,8 @@
 #define SCENE "{'format':'blobfield/1','root':{'type':'point'," \
 	"'center':[0,0,0],'radius':1}}"
 
-static const struct document_limits limits = {100, LAYOUT_WARPED};
+static const struct document_limits limits = {.max_nodes = 100,
+    .layout = LAYOUT_WARPED};
 
 static void test_media_names(void **unused)
 {
@@ -128,7 +129,8 @@ static void test_outputs_as_a_list(void **unused)
 		{"values", 0, "unknown output 'values'"},
 		{"value,value", 0, "'value' is given twice"},
 		{"value gradient", 0, "separated by commas"},
-		{"color", 0, "not supported yet"},
+		{"color,normal,curvature", OUTPUT_COLOR | OUTPUT_NORMAL |
+		    OUTPUT_CURVATURE, NULL},
 	};
 	struct faults faults;
 	unsigned outputs;
@@ -247,8 +249,8 @@ static const struct {
 	    "1 or more"},
 	{"{'points':[],'outputs':['value',3]}", false, ERR_INVALID,
 	    "/outputs/1", "must be a string, not a number"},
-	{"{'points':[],'outputs':['normal']}", false, ERR_INVALID,
-	    "/outputs/0", "unknown output 'normal'"},
+	{"{'points':[],'outputs':['normals']}", false, ERR_INVALID,
+	    "/outputs/0", "unknown output 'normals'"},
 	{"{'points':[],'outputs':['value','value']}", false, ERR_INVALID,
 	    "/outputs/1", "twice"},
 	{"{'points':[],'colour':{}}", false, ERR_INVALID, "/colour",

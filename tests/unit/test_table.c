@@ -212,6 +212,34 @@ static void test_every_sample_of_every_table_is_finite(void **state)
 	}
 }
 
+/* To what float32 leaves of a difference of up to 1e-3. */
+static void test_the_error_in_g_alone_is_that_of_all(void **state)
+{
+	double *exact = malloc(SAMPLE * sizeof(*exact));
+	struct profile profile = profile_bulge(0.8);
+
+	(void)state;
+	assert_non_null(exact);
+	for (int i = 0; i < 4; i++) {
+		struct table *t = build(i & 1, profile, i >> 1, 12);
+		double max, half, sum = 0.0;
+		struct table_error e;
+
+		measure(t, &e);
+		table_sample(t->family, &profile, 0, SAMPLE / 2, exact);
+		table_sample(t->family, &profile, SAMPLE / 2, SAMPLE, exact);
+		half = table_measure_g(t, 0, SAMPLE / 2, exact, &sum);
+		max = fmax(half, table_measure_g(t, SAMPLE / 2, SAMPLE, exact,
+		    &sum));
+		assert_near(max, e.max[0], 1e-7 * e.max[0]);
+		assert_near(sum / SAMPLE, e.mean[0], 1e-7 * e.mean[0]);
+		/* A part shows most of it. */
+		assert_true(half > 0.5 * max);
+		table_free(t);
+	}
+	free(exact);
+}
+
 static void test_summary_of_known_errors(void **state)
 {
 	float errors[TABLE_QUANTITIES * 200];
@@ -239,6 +267,7 @@ int main(void)
 		cmocka_unit_test(test_lookup_is_symmetric_and_ordered),
 		cmocka_unit_test(test_slices_may_be_built_in_any_order),
 		cmocka_unit_test(test_every_sample_of_every_table_is_finite),
+		cmocka_unit_test(test_the_error_in_g_alone_is_that_of_all),
 		cmocka_unit_test(test_summary_of_known_errors),
 	};
 

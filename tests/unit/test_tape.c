@@ -10,8 +10,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/classic.h"
 #include "core/tape.h"
 #include "core/tree.h"
+#include "core/volume.h"
 #include "tests/support/fail_alloc.h"
 #include "tests/support/near.h"
 #include "tests/support/random_tree.h"
@@ -686,32 +688,451 @@ static void test_tape_accepts_lengths_at_the_limits(void **state)
 	tape_free(compile(&root));
 }
 
-/* Every jet a tape pushes and pops, and every index it holds, in range. */
+/* How an instruction leaves the stack, the warps and the frame. */
+struct progress {
+	size_t stack, warps;
+	bool framed;
+};
+
+static void step(const struct tape *t, const struct insn *insn,
+    struct progress *s)
+{
+	assert_true(insn->op < OP_COUNT && insn->extra <= 2);
+	assert_true(insn->param <= t->param_count);
+	switch (insn->op) {
+	case OP_FRAME:
+		s->framed = true;
+		return;
+	case OP_CARRY:
+		assert_true(s->stack >= 1);
+		return;
+	case OP_COLOR:
+		return;
+	case OP_ENTER:
+		assert_true(s->warps++ < TAPE_WARPS_MAX);
+		s->framed = false;
+		return;
+	case OP_LEAVE:
+		assert_true(s->warps-- > 0 && s->stack >= 1);
+		s->framed = false;
+		return;
+	case OP_VOLUME:
+		assert_true(insn->index < t->volume_count);
+		break;
+	case OP_CLASSIC:
+	case OP_CLASSIC_SWAPPED:
+		assert_true(insn->index < CLASSIC_TYPE_COUNT);
+		break;
+	}
+	if (insn->op >= OP_UNION)
+		assert_true(insn->index < t->operator_count);
+	if (insn->op >= OP_MAX) {
+		assert_true(s->stack >= 2);
+		s->stack--;
+	} else {
+		assert_true(s->framed);
+		s->stack++;
+	}
+}
+
+/* Every jet a tape pushes and pops, every index it holds in range, every warp
+ * left, and no primitive at a point that a warp has left behind. */
 static void assert_sound(const struct tape *t)
 {
-	size_t stack = 0, most = 0, primitives = 0;
+	struct progress s = {.framed = true};
+	size_t most = 0, primitives = 0;
 
 	for (size_t i = 0; i < t->insn_count; i++) {
 		const struct insn *insn = t->insns + i;
 
-		assert_true(insn->op < OP_COUNT && insn->extra <= 2);
-		assert_true(insn->param <= t->param_count);
-		if (insn->op >= OP_MAX) {
-			assert_true(stack >= 2);
-			stack--;
-		} else if (insn->op >= OP_POINT) {
-			stack++;
-			primitives++;
-		}
-		if (insn->op >= OP_UNION)
-			assert_true(insn->index < t->operator_count);
-		most = stack > most ? stack : most;
+		step(t, insn, &s);
+		primitives += insn->op >= OP_PRIMITIVES && insn->op < OP_MAX;
+		most = s.stack > most ? s.stack : most;
 	}
-	assert_int_equal(stack, 1);
+	assert_int_equal(s.stack, 1);
+	assert_int_equal(s.warps, 0);
 	assert_int_equal(t->insns[t->insn_count - 1].extra, 0);
 	assert_int_equal(most, t->stack_depth);
 	assert_int_equal(primitives, t->primitive_count);
 	assert_true(t->stack_depth <= 1 + log2((double)primitives));
+}
+
+static struct node warped(const struct warp *w, struct node **child)
+{
+	return (struct node){.type = NODE_WARP, .warp = *w, .children = child,
+	    .child_count = 1};
+}
+
+static const struct warp quarter_twist = {.type = WARP_TWIST,
+    .axis = {0.0, 0.0, 1.0}, .center = {5.0, 0.0, 0.0}, .rate = PI / 2};
+
+static void test_tape_warp_encloses_its_child(void **state)
+{
+	struct node a = point(1), *child[1] = {&a};
+	struct node w = warped(&quarter_twist, child);
+	double params[WARP_PARAMS_MAX];
+	struct tape *t = compile(&w);
+	const double *enter = t->params + t->insns[0].param;
+	const double *leave = t->params + t->insns[3].param;
+
+	(void)state;
+	assert_ops(t, (unsigned[]){OP_ENTER, OP_FRAME, OP_POINT, OP_LEAVE,
+	    OP_COUNT});
+	warp_prepare(&quarter_twist, params);
+	for (int i = 0; i < 12; i++)
+		assert_true(enter[i] == (i == 0 || i == 4 || i == 8));
+	for (int i = 0; i < WARP_PARAMS_MAX; i++)
+		assert_true(enter[12 + i] == params[i]);
+	for (int i = 0; i < 12 + WARP_PARAMS_MAX; i++)
+		assert_true(leave[i] == enter[i]);
+	assert_int_equal(t->insns[0].index, WARP_TWIST);
+	assert_int_equal(t->insns[3].index, WARP_TWIST);
+	assert_int_equal(t->stack_depth, 1);
+	assert_int_equal(t->node_count, 2);
+	assert_sound(t);
+	tape_free(t);
+}
+
+/* ENTER sees the warp's frame; frames below start anew; CARRY comes last. */
+static void test_tape_warp_has_frames_of_its_own_base(void **state)
+{
+	struct node a = point(0), *child[1] = {&a};
+	struct node w = warped(&quarter_twist, child);
+	struct tape *t;
+
+	(void)state;
+	move(&a, 3.0);
+	turn(&w, 2.0);
+	t = compile(&w);
+	assert_ops(t, (unsigned[]){OP_ENTER, OP_FRAME, OP_POINT, OP_LEAVE,
+	    OP_CARRY, OP_COUNT});
+	assert_near(t->params[t->insns[0].param + 1], 0.5, 1e-15);
+	assert_near(t->params[t->insns[1].param], 1.0, 0.0);
+	assert_near(t->params[t->insns[1].param + 9], -3.0, 0.0);
+	tape_free(t);
+}
+
+/* The point is set anew on either side of a warp, once for siblings. */
+static void test_tape_warps_siblings_get_their_frames(void **state)
+{
+	struct node a = point(0), b = point(1), *inner[2] = {&a, &b};
+	struct node sum = composition(NODE_SUM, inner, 2), *child[1] = {&sum};
+	struct node w = warped(&quarter_twist, child);
+	struct node root = composition(NODE_SUM,
+	    (struct node *[]){&a, &w, &b, &a}, 4);
+	struct tape *t = compile(&root);
+
+	(void)state;
+	assert_ops(t, (unsigned[]){OP_ENTER, OP_FRAME, OP_POINT, OP_POINT,
+	    OP_SUM, OP_LEAVE, OP_FRAME, OP_POINT, OP_SUM, OP_POINT, OP_SUM,
+	    OP_POINT, OP_SUM, OP_COUNT});
+	assert_sound(t);
+	tape_free(t);
+}
+
+static void test_tape_warp_asks_what_its_parents_ask(void **state)
+{
+	struct node a = point(0), b = point(1), *child[1] = {&a};
+	struct node w = warped(&quarter_twist, child);
+	struct node root = composition(NODE_UNION, (struct node *[]){&w, &b}, 2);
+	struct tape *t = compile(&root);
+
+	(void)state;
+	assert_ops(t, (unsigned[]){OP_ENTER, OP_FRAME, OP_POINT, OP_LEAVE,
+	    OP_FRAME, OP_POINT, OP_UNION, OP_COUNT});
+	assert_extras(t, (unsigned[]){1, 1, 1, 1, 1, 1, 0});
+	tape_free(t);
+}
+
+static void test_tape_ref_instances_warps_and_is_one_below_them(void **state)
+{
+	struct node a = point(0), to_a = reference(&a), *child[1] = {&to_a};
+	struct node w = warped(&quarter_twist, child), to_w = reference(&w);
+	struct node root = composition(NODE_SUM,
+	    (struct node *[]){&a, &w, &to_w}, 3);
+	struct tape *t;
+
+	(void)state;
+	turn(&to_a, 2.0);
+	t = compile(&root);
+	assert_ops(t, (unsigned[]){OP_POINT,
+	    OP_ENTER, OP_FRAME, OP_POINT, OP_CARRY, OP_LEAVE, OP_SUM,
+	    OP_ENTER, OP_FRAME, OP_POINT, OP_CARRY, OP_LEAVE, OP_SUM,
+	    OP_COUNT});
+	assert_int_equal(t->node_count, 1 + 1 + 3 + 4);
+	tape_free(t);
+}
+
+/* A taper to four times the width makes its child's fall-off four times
+ * longer; to a quarter, only the least of them shorter. */
+static void test_tape_taper_stretches_lengths(void **state)
+{
+	struct warp taper = {.type = WARP_TAPER, .axis = {1.0, 0.0, 0.0},
+	    .has_range = true, .to = 1.0, .scale = 4.0};
+	struct node a = point(0), *child[1] = {&a};
+	struct node w = warped(&taper, child);
+	struct node root = composition(NODE_UNION, (struct node *[]){&w, &w}, 2);
+	struct tape *t = compile(&root);
+
+	(void)state;
+	assert_near(t->params[t->insns[t->insn_count - 1].param],
+	    TREE_NULL_GRADIENT / 4.0, 1e-15);
+	tape_free(t);
+	w.warp.scale = 0.25;
+	t = compile(&root);
+	assert_near(t->params[t->insns[t->insn_count - 1].param],
+	    TREE_NULL_GRADIENT, 1e-15);
+	tape_free(t);
+}
+
+static void test_tape_convolution_sums_its_elements(void **state)
+{
+	struct node a = {.type = NODE_PRIMITIVE, .primitive = {
+	    .type = PRIMITIVE_CAUCHY_POINT, .radius = {0.5, 0.0},
+	    .weight = 1.0, .s = 2.0}}, b = a, c = a;
+	struct node root;
+	struct tape *t;
+
+	(void)state;
+	b.primitive.type = PRIMITIVE_CAUCHY_SEGMENT;
+	b.primitive.b = vec3(1.0, 0.0, 0.0);
+	c.primitive.type = PRIMITIVE_CAUCHY_TRIANGLE;
+	c.primitive.b = vec3(1.0, 0.0, 0.0);
+	c.primitive.c = vec3(0.0, 1.0, 0.0);
+	root = composition(NODE_CONVOLUTION, (struct node *[]){&a, &b, &c}, 3);
+	root.op = NULL;
+	t = compile(&root);
+	assert_ops(t, (unsigned[]){OP_CAUCHY_POINT, OP_CAUCHY_SEGMENT, OP_SUM,
+	    OP_CAUCHY_TRIANGLE, OP_SUM, OP_COUNT});
+	assert_extras(t, (unsigned[]){0, 0, 0, 0, 0});
+	assert_int_equal(t->operator_count, 0);
+	tape_free(t);
+}
+
+static struct node colored(struct node node, double red)
+{
+	node.has_color = true;
+	node.color = vec3(red, 0.25, 0.0);
+	return node;
+}
+
+/* Asserts the red of the tape's COLORs, given up to a negative one. */
+static void assert_reds(const struct tape *t, const double *reds)
+{
+	size_t k = 0;
+
+	for (size_t i = 0; i < t->insn_count; i++) {
+		if (t->insns[i].op != OP_COLOR)
+			continue;
+		assert_true(t->params[t->insns[i].param] == reds[k]);
+		k++;
+	}
+	assert_true(reds[k] < 0.0);
+}
+
+static void test_tape_color_is_inherited_and_set_once(void **state)
+{
+	struct node a = point(0), b = colored(point(1), 0.5), c = point(2);
+	struct node mid = composition(NODE_SUM, (struct node *[]){&a, &c}, 2);
+	struct node root = composition(NODE_SUM,
+	    (struct node *[]){&mid, &a, &b, &a}, 4);
+	struct tape *t = compile(&root);
+
+	(void)state;
+	assert_ops(t, (unsigned[]){OP_POINT, OP_POINT, OP_SUM, OP_POINT, OP_SUM,
+	    OP_COLOR, OP_POINT, OP_SUM, OP_COLOR, OP_POINT, OP_SUM, OP_COUNT});
+	assert_reds(t, (double[]){0.5, TREE_COLOR_DEFAULT, -1.0});
+	tape_free(t);
+	root = colored(root, 0.125);
+	mid = colored(mid, 0.25);
+	t = compile(&root);
+	assert_reds(t, (double[]){0.25, 0.125, 0.5, 0.125, -1.0});
+	tape_free(t);
+}
+
+/* An instance has the colour where it is, unless its target says. */
+static void test_tape_color_of_refs(void **state)
+{
+	struct node a = point(0), b = colored(point(1), 0.5);
+	struct node to_a = reference(&a), to_b = reference(&b);
+	struct node inside, all[3], root;
+	struct tape *t;
+
+	(void)state;
+	inside = colored(composition(NODE_SUM, (struct node *[]){&a}, 1), 0.75);
+	all[0] = colored(to_a, 0.125);
+	all[1] = colored(to_b, 0.125);
+	all[2] = reference(&inside);
+	root = composition(NODE_SUM,
+	    (struct node *[]){all, all + 1, all + 2}, 3);
+	t = compile(&root);
+	assert_reds(t, (double[]){0.125, 0.5, 0.75, -1.0});
+	tape_free(t);
+	/* what is above a target's own place does not go with it */
+	root = colored(composition(NODE_SUM, (struct node *[]){&inside, &to_a},
+	    2), 0.0625);
+	t = compile(&root);
+	assert_reds(t, (double[]){0.75, 0.0625, -1.0});
+	tape_free(t);
+}
+
+static void test_tape_classic_has_its_type_and_family(void **state)
+{
+	static const enum node_type nodes[] = {NODE_UNION, NODE_INTERSECTION,
+	    NODE_DIFFERENCE};
+	static const int families[] = {CLASSIC_UNION, CLASSIC_INTERSECTION,
+	    CLASSIC_DIFFERENCE};
+	struct classic ricci = {CLASSIC_RICCI, {2.5}};
+	struct node a = point(0), b = point(1);
+	struct node pair = composition(NODE_SUM, (struct node *[]){&b, &b}, 2);
+
+	(void)state;
+	for (int i = 0; i < 3; i++) {
+		struct node root = composition(nodes[i],
+		    (struct node *[]){&a, &pair, &b}, 3);
+		double params[CLASSIC_PARAMS_MAX];
+		struct tape *t;
+
+		root.op = NULL;
+		root.classic = &ricci;
+		t = compile(&root);
+		assert_ops(t, (unsigned[]){OP_POINT, OP_POINT, OP_SUM, OP_POINT,
+		    OP_CLASSIC_SWAPPED, OP_POINT, OP_CLASSIC, OP_COUNT});
+		assert_extras(t, (unsigned[]){0, 0, 0, 0, 0, 0, 0});
+		classic_prepare(&ricci, families[i], params);
+		for (size_t k = 4; k <= 6; k += 2) {
+			assert_int_equal(t->insns[k].index, CLASSIC_RICCI);
+			assert_memory_equal(t->params + t->insns[k].param,
+			    params, sizeof(params));
+		}
+		assert_int_equal(t->operator_count, 0);
+		tape_free(t);
+	}
+}
+
+/* A volume of 4 samples an axis about the origin. */
+static struct volume *volume(bool is_distance, float value)
+{
+	const size_t count[3] = {4, 4, 4};
+	float samples[64];
+	struct volume *v;
+
+	for (int i = 0; i < 64; i++)
+		samples[i] = value;
+	assert_int_equal(volume_create(samples, count, vec3(-1.0, -1.0, -1.0),
+	    vec3(1.0, 1.0, 1.0), is_distance, &v), ERR_OK);
+	return v;
+}
+
+static struct node sampled(struct volume *v, double falloff)
+{
+	return (struct node){.type = NODE_PRIMITIVE, .primitive = {
+	    .type = PRIMITIVE_VOLUME, .volume = v, .falloff = falloff}};
+}
+
+static void test_tape_volumes_are_shared_and_held(void **state)
+{
+	struct volume *one = volume(false, 0.5f), *other = volume(false, 0.5f);
+	struct node a = sampled(one, 0.0), b = sampled(other, 0.0), c = a;
+	struct node root = composition(NODE_SUM,
+	    (struct node *[]){&a, &b, &c}, 3);
+	struct tape *t = compile(&root);
+
+	(void)state;
+	assert_ops(t, (unsigned[]){OP_VOLUME, OP_VOLUME, OP_SUM, OP_VOLUME,
+	    OP_SUM, OP_COUNT});
+	assert_int_equal(t->volume_count, 2);
+	assert_ptr_equal(t->volumes[t->insns[0].index], one);
+	assert_ptr_equal(t->volumes[t->insns[1].index], other);
+	assert_int_equal(t->insns[3].index, t->insns[0].index);
+	assert_int_equal(atomic_load(&one->refs), 2);
+	assert_int_equal(atomic_load(&other->refs), 2);
+	volume_release(other); /* the tape's remains */
+	assert_int_equal(atomic_load(&other->refs), 1);
+	tape_free(t);
+	assert_int_equal(atomic_load(&one->refs), 1);
+	volume_release(one);
+}
+
+static void test_tape_draft_operators_are_different_operators(void **state)
+{
+	struct node a = point(0);
+	struct node inner = composition(NODE_UNION,
+	    (struct node *[]){&a, &a}, 2);
+	struct node root = composition(NODE_UNION,
+	    (struct node *[]){&inner, &a}, 2);
+	struct operator draft = camel;
+	struct tape *t;
+
+	(void)state;
+	draft.draft = true;
+	inner.op = &draft;
+	t = compile(&root);
+	assert_int_equal(t->operator_count, 2);
+	assert_true(t->operators[0].draft != t->operators[1].draft);
+	tape_free(t);
+}
+
+static void test_tape_refuses_volumes_whose_falloff_does_not_fit(
+    void **state)
+{
+	struct volume *field = volume(false, 0.5f), *near = volume(true, 0.25f);
+	struct node a = sampled(field, 0.1);
+
+	(void)state;
+	assert_refused(&a, MAX_NODES, ERR_INVALID, &a, "no falloff");
+	a = sampled(near, 0.0);
+	assert_refused(&a, MAX_NODES, ERR_INVALID, &a, "need a falloff");
+	a = sampled(near, 0.26);
+	assert_refused(&a, MAX_NODES, ERR_INVALID, &a,
+	    "within 0.25 of the surface");
+	a = sampled(near, 0.24);
+	tape_free(compile(&a));
+	volume_release(field);
+	volume_release(near);
+}
+
+/* Warps within each other, each through a ref. */
+static void test_tape_refuses_too_many_warps(void **state)
+{
+	enum { DEPTH = TAPE_WARPS_MAX + 1 };
+	struct node a = point(0), n[DEPTH], refs[DEPTH], *children[DEPTH][1];
+	struct tape *t;
+
+	(void)state;
+	for (int i = 0; i < DEPTH; i++) {
+		children[i][0] = i ? refs + i : &a;
+		refs[i] = reference(i ? n + i - 1 : &a);
+		n[i] = warped(&quarter_twist, children[i]);
+	}
+	assert_refused(n + DEPTH - 1, MAX_NODES, ERR_LIMIT, n, "8 warps");
+	t = compile(n + DEPTH - 2);
+	assert_sound(t);
+	tape_free(t);
+}
+
+static void test_tape_refuses_a_warp_of_itself(void **state)
+{
+	struct node ref, *child[1] = {&ref};
+	struct node w = warped(&quarter_twist, child);
+
+	(void)state;
+	ref = reference(&w);
+	w.id = "turned";
+	assert_refused(&w, MAX_NODES, ERR_INVALID, &ref, "\"turned\"");
+}
+
+static void test_tape_refuses_lengths_that_a_taper_takes_out_of_range(
+    void **state)
+{
+	struct warp taper = {.type = WARP_TAPER, .axis = {1.0, 0.0, 0.0},
+	    .has_range = true, .to = 1.0, .scale = 1e-9};
+	struct node a = point(0), *child[1] = {&a};
+	struct node w = warped(&taper, child);
+
+	(void)state;
+	a.primitive.radius[0] *= 0.5;
+	assert_refused(&w, MAX_NODES, ERR_INVALID, &w, "own");
 }
 
 static void test_tape_of_random_trees_is_sound(void **state)
@@ -721,7 +1142,8 @@ static void test_tape_of_random_trees_is_sound(void **state)
 	(void)state;
 	for (uint64_t seed = 0; seed < 300; seed++) {
 		struct random_tree *r = random_tree_create(
-		    &(struct random_tree_options){.seed = seed});
+		    &(struct random_tree_options){.seed = seed,
+		    .whole = true});
 		struct tape_error error;
 		struct tape *t;
 
@@ -737,22 +1159,19 @@ static void test_tape_of_random_trees_is_sound(void **state)
 		assert_true(seen[op]);
 }
 
-static void test_tape_survives_every_failing_allocation(void **state)
+/* Compiles tree with the first, the second ... allocation failing, until none
+ * does; how many there are. */
+static long fail_every_allocation(const struct tree *tree)
 {
-	struct random_tree *r;
 	struct tape_error error;
 	enum err err;
 	long n = 0;
 
-	(void)state;
-	if (!fail_alloc_available())
-		skip();
-	r = random_tree_create(&(struct random_tree_options){.seed = 7});
 	do {
 		struct tape *t = NULL;
 
 		fail_alloc_set(++n);
-		err = tape_compile(random_tree_get(r), MAX_NODES, &t, &error);
+		err = tape_compile(tree, MAX_NODES, &t, &error);
 		if (err == ERR_OK)
 			tape_free(t);
 		else
@@ -762,9 +1181,47 @@ static void test_tape_survives_every_failing_allocation(void **state)
 		    : ERR_OK);
 	} while (err != ERR_OK);
 	fail_alloc_set(0);
+	return n;
+}
+
+static void test_tape_survives_every_failing_allocation(void **state)
+{
+	struct random_tree *r;
+
+	(void)state;
+	if (!fail_alloc_available())
+		skip();
+	r = random_tree_create(&(struct random_tree_options){.seed = 7,
+	    .whole = true});
 	/* the tape, and at least one growth of each of six lists */
-	assert_true(n > 7);
+	assert_true(fail_every_allocation(random_tree_get(r)) > 7);
 	random_tree_free(r);
+}
+
+/* More volumes than there is room for at first, some of them held already when
+ * an allocation fails. */
+static void test_tape_lets_go_of_volumes_when_an_allocation_fails(
+    void **state)
+{
+	enum { COUNT = 40 };
+	struct volume *v[COUNT];
+	struct node n[COUNT], *children[COUNT];
+	struct node root = composition(NODE_SUM, children, COUNT);
+	struct tree tree = {&root, TREE_NULL_GRADIENT};
+
+	(void)state;
+	if (!fail_alloc_available())
+		skip();
+	for (int i = 0; i < COUNT; i++) {
+		v[i] = volume(false, 0.5f);
+		n[i] = sampled(v[i], 0.0);
+		children[i] = n + i;
+	}
+	assert_true(fail_every_allocation(&tree) > 8);
+	for (int i = 0; i < COUNT; i++) {
+		assert_int_equal(atomic_load(&v[i]->refs), 1);
+		volume_release(v[i]);
+	}
 }
 
 int main(void)
@@ -805,8 +1262,30 @@ int main(void)
 		cmocka_unit_test(test_tape_refuses_singular_transforms),
 		cmocka_unit_test(test_tape_refuses_lengths_out_of_range),
 		cmocka_unit_test(test_tape_accepts_lengths_at_the_limits),
+		cmocka_unit_test(test_tape_warp_encloses_its_child),
+		cmocka_unit_test(test_tape_warp_has_frames_of_its_own_base),
+		cmocka_unit_test(test_tape_warps_siblings_get_their_frames),
+		cmocka_unit_test(test_tape_warp_asks_what_its_parents_ask),
+		cmocka_unit_test(
+		    test_tape_ref_instances_warps_and_is_one_below_them),
+		cmocka_unit_test(test_tape_taper_stretches_lengths),
+		cmocka_unit_test(test_tape_convolution_sums_its_elements),
+		cmocka_unit_test(test_tape_color_is_inherited_and_set_once),
+		cmocka_unit_test(test_tape_color_of_refs),
+		cmocka_unit_test(test_tape_classic_has_its_type_and_family),
+		cmocka_unit_test(test_tape_volumes_are_shared_and_held),
+		cmocka_unit_test(
+		    test_tape_draft_operators_are_different_operators),
+		cmocka_unit_test(
+		    test_tape_refuses_volumes_whose_falloff_does_not_fit),
+		cmocka_unit_test(test_tape_refuses_too_many_warps),
+		cmocka_unit_test(test_tape_refuses_a_warp_of_itself),
+		cmocka_unit_test(
+		    test_tape_refuses_lengths_that_a_taper_takes_out_of_range),
 		cmocka_unit_test(test_tape_of_random_trees_is_sound),
 		cmocka_unit_test(test_tape_survives_every_failing_allocation),
+		cmocka_unit_test(
+		    test_tape_lets_go_of_volumes_when_an_allocation_fails),
 	};
 
 	return cmocka_run_group_tests_name("tape", tests, make_camel, NULL);

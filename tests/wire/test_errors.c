@@ -300,10 +300,10 @@ static void test_422_wrong_points_and_outputs(void **state)
 		{"POST", EVAL, "{\"scene\":" POINT "}", JSON, NULL, 422,
 		    "points", NULL},
 		{"POST", EVAL, "{\"scene\":" POINT ",\"points\":[],"
-		    "\"outputs\":[\"value\",\"normal\"]}", JSON, NULL, 422,
-		    "/outputs/1", "normal"},
+		    "\"outputs\":[\"value\",\"normals\"]}", JSON, NULL, 422,
+		    "/outputs/1", "normals"},
 		{"POST", EVAL, "{\"scene\":" POINT ",\"points\":[],"
-		    "\"outputs\":[\"color\"]}", JSON, NULL, 422, "color", NULL},
+		    "\"outputs\":[\"colour\"]}", JSON, NULL, 422, "colour", NULL},
 		{"POST", EVAL "?outputs=value,value", "{}", JSON, NULL, 422,
 		    "value", NULL},
 		{"POST", EVAL, "{\"scene\":" POINT ",\"points\":[],"

@@ -83,7 +83,8 @@ static char *make_body(const char *scene, const char *rest)
 
 static struct document *parse(const char *scene)
 {
-	const struct document_limits limits = {1000, LAYOUT_WARPED};
+	const struct document_limits limits = {.max_nodes = 1000,
+	    .layout = LAYOUT_WARPED};
 	struct document *document;
 	struct faults faults = {0};
 
