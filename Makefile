@@ -23,7 +23,7 @@ PACKAGES := gcc libc6-dev libmicrohttpd-dev libcjson-dev nettle-dev \
 RUN_PACKAGES := curl
 TEST_PACKAGES := libcmocka-dev libcurl4-openssl-dev curl clang \
 	python3-jsonschema
-FUZZ_PACKAGES := clang libclang-rt-14-dev
+FUZZ_PACKAGES := clang libclang-rt-14-dev python3-jsonschema
 
 WARN := -Wall -Wextra -Wpedantic -Wshadow -Wstrict-prototypes \
 	-Wmissing-prototypes -Wvla -Wpointer-arith -Wwrite-strings
@@ -106,6 +106,10 @@ $(B)/kernels/source.o: $(B)/kernels/source.c
 $(SUPPORT): $(call objects,tests/support)
 	$(Q)rm -f $@ && ar rcs $@ $^
 
+# The tables' threads, without the rest of the daemon.
+$(B)/tests/unit/test_server_tables: $(addprefix $(B)/server/,tables.o crew.o \
+	log.o)
+
 $(UNIT): $(B)/%: $(B)/%.o $(SUPPORT) $(PROTO) $(CORE)
 	$(if $(Q),@echo '  LD    $@')
 	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcmocka -lcjson -lm
@@ -185,7 +189,8 @@ bench: packages-test
 
 .PHONY: fuzz
 fuzz: packages-fuzz
-	@$(MAKE) --no-print-directory -j2 $(FUZZ)
+	@$(MAKE) --no-print-directory -j2 $(FUZZ) $(VERDICTS)
+	@tests/schema/test_schema.py $$(($(FUZZ_SECONDS) * 500)) $$(date +%s)
 	@for f in $(FUZZ); do name=$$(basename $$f); \
 		mkdir -p build/corpus/$$name; \
 		$$f -max_total_time=$(FUZZ_SECONDS) -max_len=8192 -rss_limit_mb=4096 \

@@ -166,10 +166,24 @@ struct opening opening_constant(double theta)
 	    {1.0, 1.0}};
 }
 
+static int compare_numbers(const double *a, const double *b, int count)
+{
+	for (int i = 0; i < count; i++)
+		if (a[i] != b[i])
+			return a[i] < b[i] ? -1 : 1;
+	return 0;
+}
+
+int opening_compare(const struct opening *a, const struct opening *b)
+{
+	int order = compare_numbers(a->alpha, b->alpha, 3);
+
+	if (order == 0)
+		order = compare_numbers(a->theta, b->theta, 3);
+	return order != 0 ? order : compare_numbers(a->w, b->w, 2);
+}
+
 bool opening_equal(const struct opening *a, const struct opening *b)
 {
-	for (int i = 0; i < 3; i++)
-		if (a->alpha[i] != b->alpha[i] || a->theta[i] != b->theta[i])
-			return false;
-	return a->w[0] == b->w[0] && a->w[1] == b->w[1];
+	return opening_compare(a, b) == 0;
 }

@@ -63,4 +63,7 @@ struct opening opening_constant(double theta);
 
 bool opening_equal(const struct opening *a, const struct opening *b);
 
+/* An order of openings, as of strcmp; 0 where they are equal. */
+int opening_compare(const struct opening *a, const struct opening *b);
+
 #endif

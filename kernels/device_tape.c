@@ -231,40 +231,44 @@ static enum err create_params(struct device *d, const struct tape *tape,
 	return err;
 }
 
-/* The first operator of the tape with the same opening as operator i. */
-static size_t first_alike(const struct tape *tape, size_t i)
+static int compare_openings(const void *a, const void *b)
 {
-	size_t k = 0;
+	const struct operator *const *x = a, *const *y = b;
 
-	while (!opening_equal(&tape->operators[k].opening,
-	    &tape->operators[i].opening))
-		k++;
-	return k;
+	return opening_compare(&(*x)->opening, &(*y)->opening);
 }
 
-/* Samples the distinct openings that depend on the angle, into floats. */
+/*
+ * Samples the openings that depend on the angle into floats, equal ones once;
+ * sorted has room for the tape's operators.
+ */
 static size_t sample_openings(const struct tape *tape,
-    struct operator_desc *descs, float *floats)
+    const struct operator **sorted, struct operator_desc *descs, float *floats)
 {
-	size_t used = 0;
+	size_t count = tape->operator_count, used = 0;
 
-	for (size_t i = 0; i < tape->operator_count; i++) {
-		const struct opening *o = &tape->operators[i].opening;
-		size_t k = first_alike(tape, i);
+	for (size_t i = 0; i < count; i++)
+		sorted[i] = tape->operators + i;
+	qsort(sorted, count, sizeof(*sorted), compare_openings);
+	for (size_t i = 0; i < count; i++) {
+		const struct opening *o = &sorted[i]->opening;
+		struct operator_desc *desc = descs + (sorted[i] -
+		    tape->operators);
+		bool is_new = i == 0 ||
+		    !opening_equal(o, &sorted[i - 1]->opening);
 
-		descs[i].is_constant = opening_is_constant(o);
-		descs[i].theta_least = (float)opening_least(o);
-		descs[i].theta = descs[i].theta_least;
-		descs[i].opening_count = OPENING_TABLE_COUNT;
-		if (descs[i].is_constant)
+		desc->is_constant = opening_is_constant(o);
+		desc->theta_least = (float)opening_least(o);
+		desc->theta = desc->theta_least;
+		desc->opening_count = OPENING_TABLE_COUNT;
+		if (desc->is_constant)
 			continue;
-		if (k < i) {
-			descs[i].opening = descs[k].opening;
-			continue;
+		if (is_new) {
+			opening_table_build(o, OPENING_TABLE_COUNT,
+			    floats + used);
+			used += OPENING_FLOATS;
 		}
-		descs[i].opening = (uint32_t)used;
-		opening_table_build(o, OPENING_TABLE_COUNT, floats + used);
-		used += OPENING_FLOATS;
+		desc->opening = (uint32_t)(used - OPENING_FLOATS);
 	}
 	return used;
 }
@@ -275,20 +279,22 @@ static enum err create_operators(struct device *d, const struct tape *tape,
 	size_t count = tape->operator_count;
 	struct operator_desc *descs = calloc(count + 1, sizeof(*descs));
 	float *floats = malloc((count + 1) * OPENING_FLOATS * sizeof(*floats));
+	const struct operator **sorted = calloc(count + 1, sizeof(*sorted));
 	enum err err = ERR_OK;
 	size_t used;
 
-	if (!descs || !floats) {
+	if (!descs || !floats || !sorted) {
 		err = device_out_of_memory(&d->failure);
 		goto out;
 	}
 	for (size_t i = 0; i < count; i++)
 		descs[i] = d->tables.slots[slots[i]].desc;
-	used = sample_openings(tape, descs, floats);
+	used = sample_openings(tape, sorted, descs, floats);
 	err = create(d, descs, count * sizeof(*descs), &t->descs);
 	if (!err)
 		err = create(d, floats, used * sizeof(*floats), &t->openings);
 out:
+	free(sorted);
 	free(floats);
 	free(descs);
 	return err;

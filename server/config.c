@@ -160,6 +160,12 @@ static bool read_table_memory(const char *value, struct config *config,
 	return read_size(value, &config->device.table_bytes, why);
 }
 
+static bool read_volume_memory(const char *value, struct config *config,
+    const char **why)
+{
+	return read_size(value, &config->device.volume_bytes, why);
+}
+
 static bool read_layout(const char *value, struct config *config,
     const char **why)
 {
@@ -224,6 +230,8 @@ static const struct option options[] = {
 	    "operator tables as: auto, buffer or image (auto)"},
 	{"table-memory", "BYTES", read_table_memory,
 	    "most device memory for operator tables (256M)"},
+	{"volume-memory", "BYTES", read_volume_memory,
+	    "most memory for volumes, also on the device (256M)"},
 	{"layout", "LAYOUT", read_layout,
 	    "table layout for operators: warped or uniform (warped)"},
 	{"list-devices", NULL, read_list_devices,
@@ -312,6 +320,7 @@ static void set_defaults(struct config *config)
 		.log_level = LOG_INFO,
 	};
 	config->device.table_bytes = (size_t)256 << 20;
+	config->device.volume_bytes = (size_t)256 << 20;
 }
 
 enum config_outcome config_parse(int argc, char **argv, struct config *out)
@@ -330,10 +339,4 @@ enum config_outcome config_parse(int argc, char **argv, struct config *out)
 			return CONFIG_BAD;
 	}
 	return CONFIG_RUN;
-}
-
-int config_resolution(enum table_layout layout)
-{
-	return layout == LAYOUT_WARPED ? TABLE_RESOLUTION_WARPED :
-	    TABLE_RESOLUTION_UNIFORM;
 }

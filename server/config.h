@@ -36,7 +36,4 @@ enum config_outcome {
 /* Fills *out from defaults and arguments, of the forms --x V and --x=V. */
 enum config_outcome config_parse(int argc, char **argv, struct config *out);
 
-/* Nodes an axis of a table in this layout, where a document does not say. */
-int config_resolution(enum table_layout layout);
-
 #endif

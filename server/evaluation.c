@@ -118,8 +118,10 @@ static void reply_json(struct exchange *x, struct evaluation *e)
 {
 	size_t length;
 	char *text;
+	unsigned flags = (e->points.flat ? ANSWER_FLAT : 0) |
+	    (e->job.is_draft ? ANSWER_DRAFT : 0);
 	enum err err = answer_json(e->job.rows, e->job.count, e->job.outputs,
-	    e->points.flat, &text, &length);
+	    flags, &text, &length);
 
 	if (err == ERR_OK)
 		exchange_reply_data(x, 200, MEDIA_JSON, text, length);
@@ -172,6 +174,8 @@ static void answer(struct exchange *x)
 		reply_json(x, e);
 	else
 		reply_rows(x, e);
+	if (e->job.result == ERR_OK && e->job.is_draft)
+		exchange_add_header(x, "Blobfield-Draft", "true");
 	if (e->etag[0] != '\0')
 		exchange_add_header(x, "ETag", e->etag);
 }
@@ -198,6 +202,9 @@ static void reply_refusal(struct exchange *x, enum err err)
 	if (err == ERR_BUSY)
 		exchange_reply_problem(x, PROBLEM_QUEUE_FULL, NULL,
 		    "Too many evaluations are waiting; try again soon.");
+	else if (err == ERR_MEMORY)
+		exchange_reply_problem(x, PROBLEM_MEMORY, NULL,
+		    "There was no memory for the evaluation.");
 	else
 		exchange_reply_problem(x, PROBLEM_DRAINING, NULL,
 		    "The server is shutting down and takes no new work.");

@@ -5,14 +5,14 @@
 #include "server/evaluation.h"
 #include "server/exchange.h"
 #include "server/handlers.h"
+#include "server/limits.h"
 #include "server/server.h"
 
 static enum err parse(struct exchange *x, unsigned outputs,
     struct eval_request *out, struct faults *faults)
 {
 	const struct config *config = x->server->config;
-	const struct document_limits limits = {config->max_nodes,
-	    config->layout};
+	const struct document_limits limits = limits_new(x->server);
 
 	return eval_request_parse(x->body != NULL ? x->body : "",
 	    x->body_length, true, outputs, &limits, config->max_points, out,

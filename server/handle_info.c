@@ -10,6 +10,7 @@
 #include "server/scene_store.h"
 #include "server/scheduler.h"
 #include "server/server.h"
+#include "server/volume_store.h"
 
 void handle_index(struct exchange *x)
 {
@@ -69,6 +70,8 @@ static void add_limits(cJSON *json, const struct config *config)
 	    (double)config->max_scenes);
 	cJSON_AddNumberToObject(limits, "scene_memory",
 	    (double)config->scene_memory);
+	cJSON_AddNumberToObject(limits, "volume_memory",
+	    (double)config->device.volume_bytes);
 	cJSON_AddNumberToObject(limits, "queue", (double)config->queue);
 }
 
@@ -89,6 +92,18 @@ static void add_figures(cJSON *json, const struct scheduler_stats *stats,
 	cJSON_AddNumberToObject(queue, "points", (double)stats->points);
 }
 
+static void add_volumes(cJSON *json, const struct server *server)
+{
+	cJSON *volumes = cJSON_AddObjectToObject(json, "volumes");
+	struct volume_store_stats stats;
+
+	volume_store_get_stats(server->volumes, &stats);
+	cJSON_AddNumberToObject(volumes, "count", (double)stats.count);
+	cJSON_AddNumberToObject(volumes, "bytes", (double)stats.bytes);
+	cJSON_AddNumberToObject(volumes, "max_bytes",
+	    (double)server->config->device.volume_bytes);
+}
+
 void handle_info(struct exchange *x)
 {
 	const struct server *server = x->server;
@@ -107,5 +122,6 @@ void handle_info(struct exchange *x)
 	add_figures(json, &stats, server->config);
 	cJSON_AddNumberToObject(json, "scenes",
 	    (double)scene_store_count(server->scenes));
+	add_volumes(json, server);
 	exchange_reply_json(x, 200, json);
 }

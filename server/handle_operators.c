@@ -8,6 +8,7 @@
 #include "server/exchange.h"
 #include "server/handlers.h"
 #include "server/server.h"
+#include "server/table_reply.h"
 #include "server/tables.h"
 
 /* The operators that documents may name (SPEC section 2). */
@@ -26,31 +27,6 @@ static void describe(const char *name, struct profile *profile,
 		    atan(1.0) : 0.0);
 }
 
-/* One half of the curve, as documents may give it. */
-static cJSON *points_json(const struct profile *profile)
-{
-	cJSON *list = cJSON_CreateArray();
-
-	for (int i = 0; i < profile->count; i++) {
-		const double point[2] = {profile->x[i], profile->y[i]};
-
-		cJSON_AddItemToArray(list, cJSON_CreateDoubleArray(point, 2));
-	}
-	return list;
-}
-
-static cJSON *profile_json(const struct profile *profile)
-{
-	cJSON *json = cJSON_CreateObject();
-
-	cJSON_AddStringToObject(json, "type", profile_name(profile->type));
-	if (profile->type == PROFILE_BULGE)
-		cJSON_AddNumberToObject(json, "k", profile->k);
-	if (profile->type == PROFILE_SAMPLES)
-		cJSON_AddItemToObject(json, "points", points_json(profile));
-	return json;
-}
-
 static cJSON *opening_json(const struct opening *opening)
 {
 	cJSON *json = cJSON_CreateObject();
@@ -64,53 +40,6 @@ static cJSON *opening_json(const struct opening *opening)
 	return json;
 }
 
-/* A number of few digits, as a measurement deserves. */
-static void add_figure(cJSON *json, const char *name, double value)
-{
-	double unit = value > 0.0 ? pow(10.0, floor(log10(value)) - 3.0) : 1.0;
-
-	cJSON_AddNumberToObject(json, name, unit >= 1.0 ? round(value) :
-	    round(value / unit) / round(1.0 / unit));
-}
-
-static cJSON *error_json(const struct table_report *table)
-{
-	static const char *const quantities[] = {"g", "g1", "g2", "gt", "g11",
-	    "g12", "g22", "g1t", "g2t", "gtt"};
-	cJSON *json;
-
-	if (!table->measured)
-		return cJSON_CreateNull();
-	json = cJSON_CreateObject();
-	cJSON_AddNumberToObject(json, "count", (double)table->error.count);
-	for (int i = 0; i < 10; i++) {
-		cJSON *item = cJSON_AddObjectToObject(json, quantities[i]);
-
-		add_figure(item, "max", table->error.max[i]);
-		add_figure(item, "mean", table->error.mean[i]);
-		add_figure(item, "p99", table->error.p99[i]);
-	}
-	return json;
-}
-
-static cJSON *table_json(const struct table_report *table)
-{
-	cJSON *json = cJSON_CreateObject();
-
-	cJSON_AddStringToObject(json, "family",
-	    operator_family_name(table->family));
-	cJSON_AddItemToObject(json, "profile", profile_json(&table->profile));
-	cJSON_AddStringToObject(json, "layout",
-	    operator_layout_name(table->layout));
-	cJSON_AddNumberToObject(json, "resolution", table->resolution);
-	cJSON_AddStringToObject(json, "state",
-	    tables_state_name(table->state));
-	cJSON_AddNumberToObject(json, "bytes", (double)table->bytes);
-	add_figure(json, "build_ms", 1e3 * table->build_seconds);
-	cJSON_AddItemToObject(json, "error", error_json(table));
-	return json;
-}
-
 /* The tables of profile, or all of them where it is NULL. */
 static cJSON *tables_json(const struct table_report *tables, size_t count,
     const struct profile *profile)
@@ -120,7 +49,7 @@ static cJSON *tables_json(const struct table_report *tables, size_t count,
 	for (size_t i = 0; i < count; i++) {
 		if (profile == NULL ||
 		    profile_equal(&tables[i].profile, profile))
-			cJSON_AddItemToArray(list, table_json(&tables[i]));
+			cJSON_AddItemToArray(list, table_reply_json(&tables[i]));
 	}
 	return list;
 }
@@ -135,7 +64,7 @@ static cJSON *operator_json(const char *name,
 
 	describe(name, &profile, &opening);
 	cJSON_AddStringToObject(json, "name", name);
-	cJSON_AddItemToObject(json, "profile", profile_json(&profile));
+	cJSON_AddItemToObject(json, "profile", table_reply_profile(&profile));
 	cJSON_AddItemToObject(json, "opening", opening_json(&opening));
 	if (tables != NULL)
 		cJSON_AddItemToObject(json, "tables",

@@ -5,6 +5,7 @@
 #include "server/evaluation.h"
 #include "server/exchange.h"
 #include "server/handlers.h"
+#include "server/limits.h"
 #include "server/program.h"
 #include "server/scene_reply.h"
 #include "server/scene_store.h"
@@ -17,8 +18,7 @@ static enum err parse(struct exchange *x, enum media_type type,
     struct eval_request *out, struct faults *faults)
 {
 	const struct config *config = x->server->config;
-	const struct document_limits limits = {config->max_nodes,
-	    config->layout};
+	const struct document_limits limits = limits_new(x->server);
 	const char *body = x->body != NULL ? x->body : "";
 
 	if (type == MEDIA_OCTETS)

@@ -11,6 +11,7 @@
 #include "server/evaluation.h"
 #include "server/exchange.h"
 #include "server/handlers.h"
+#include "server/limits.h"
 #include "server/program.h"
 #include "server/scene_reply.h"
 #include "server/scene_store.h"
@@ -22,8 +23,7 @@
 static enum err parse(struct exchange *x, struct document **out,
     struct faults *faults)
 {
-	const struct document_limits limits = {x->server->config->max_nodes,
-	    x->server->config->layout};
+	const struct document_limits limits = limits_new(x->server);
 
 	return document_parse(x->body != NULL ? x->body : "", x->body_length,
 	    &limits, out, faults);

@@ -10,6 +10,9 @@ struct exchange;
 /* handle_eval.c */
 void handle_eval(struct exchange *x);
 
+/* handle_import.c */
+void handle_import(struct exchange *x);
+
 /* handle_scenes.c */
 void handle_scenes_list(struct exchange *x);
 void handle_scenes_post(struct exchange *x);
@@ -20,9 +23,24 @@ void handle_scene_delete(struct exchange *x);
 /* handle_scene_eval.c */
 void handle_scene_eval(struct exchange *x);
 
+/* handle_scene_bounds.c */
+void handle_scene_bounds(struct exchange *x);
+
+/* handle_opening_angle.c */
+void handle_opening_angle(struct exchange *x);
+
 /* handle_operators.c */
 void handle_operators_list(struct exchange *x);
 void handle_operator_get(struct exchange *x);
+
+/* handle_operator_order.c */
+void handle_operator_order(struct exchange *x);
+
+/* handle_volumes.c */
+void handle_volumes_list(struct exchange *x);
+void handle_volumes_post(struct exchange *x);
+void handle_volume_get(struct exchange *x);
+void handle_volume_delete(struct exchange *x);
 
 /* handle_info.c */
 void handle_index(struct exchange *x);

@@ -14,10 +14,12 @@
 #include "server/config.h"
 #include "server/http.h"
 #include "server/log.h"
+#include "server/orders.h"
 #include "server/scene_store.h"
 #include "server/scheduler.h"
 #include "server/server.h"
 #include "server/tables.h"
+#include "server/volume_store.h"
 
 /* How long a drain may take before what is left is given up. */
 #define DRAIN_SECONDS 60.0
@@ -150,6 +152,7 @@ static void drain(struct server *server, const struct ears *ears)
 	atomic_store(&server->draining, true);
 	http_quiesce(server->http);
 	scheduler_drain(server->scheduler);
+	orders_drain(server->orders);
 	while (!is_drained(server, &idle_since)) {
 		double seconds;
 		bool told = listen_for(ears, 20) == TOLD_TO_STOP;
@@ -212,10 +215,16 @@ static enum err start(struct daemon *d, char url[static HTTP_URL_MAX])
 		err = scene_store_create(config->max_scenes,
 		    config->scene_memory, &server->scenes);
 	if (err == ERR_OK)
+		err = volume_store_create(config->device.volume_bytes,
+		    &server->volumes);
+	if (err == ERR_OK)
 		err = start_scheduler(d);
 	if (err == ERR_OK)
 		err = tables_start(server->tables, config->measure,
 		    on_tables_changed, server);
+	if (err == ERR_OK)
+		err = orders_create(server->tables,
+		    config->device.table_bytes, &server->orders);
 	if (err == ERR_OK)
 		err = http_start(server->http);
 	return err;
@@ -229,11 +238,15 @@ static void stop(struct server *server)
 {
 	if (server->scheduler != NULL)
 		scheduler_stop(server->scheduler);
+	if (server->orders != NULL)
+		orders_stop(server->orders);
 	http_stop(server->http);
 	scene_store_free(server->scenes);
+	volume_store_free(server->volumes);
 	if (server->tables != NULL)
 		tables_stop(server->tables);
 	tables_free(server->tables);
+	orders_free(server->orders);
 	scheduler_free(server->scheduler);
 }
 

@@ -23,7 +23,7 @@ static const struct problem_kind kinds[PROBLEM_COUNT] = {
 	[PROBLEM_MEMORY] = {503, "out-of-memory", "Out of memory", 2},
 	[PROBLEM_VERSION] = {505, "http-version",
 	    "HTTP version not supported", 0},
-	[PROBLEM_STORE_FULL] = {507, "store-full", "Scene store full", 0},
+	[PROBLEM_STORE_FULL] = {507, "store-full", "Store full", 0},
 };
 
 static const enum problem from_err[ERR_COUNT] = {

@@ -23,10 +23,16 @@ struct program {
 	atomic_size_t refs;
 	struct tape *tape;
 	struct table_entry **entries; /* of tape->operators, in order */
+	/* Those that may stand in for entries, NULL where none may; or NULL: for
+	 * none. */
+	struct table_entry **drafts;
 	size_t entry_count;
+	size_t bytes;                 /* see program_bytes */
 	struct program *dead_next;    /* the scheduler's */
 	/* device thread only: */
 	struct device_tape *loaded;
+	struct table_entry **loaded_entries; /* entries, or of each that or its
+	                                      * draft: what loaded refers to */
 	struct program *newer, *older; /* loaded ones, by last use */
 };
 
@@ -44,7 +50,7 @@ struct program *program_hold(struct program *program);
 /* Frees a program without references or device copy. */
 void program_free(struct tables *tables, struct program *program);
 
-/* Bytes its copy on the device takes, about. */
+/* Bytes its copy on the device takes, about, without tables and volumes. */
 size_t program_bytes(const struct program *program);
 
 #endif

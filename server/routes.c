@@ -15,10 +15,15 @@ static const struct route routes[] = {
 	    "version, device, limits, queue"},
 	{"GET", "/v1/operators", "", false, false, handle_operators_list,
 	    "named operators, and the tables of operators there are"},
+	{"POST", "/v1/operators", "", true, false, handle_operator_order,
+	    "build a table, of a resolution or to an error: {profile, layout, "
+	    "family, resolution | max_error}"},
 	{"GET", "/v1/operators/{id}", "", false, false, handle_operator_get,
 	    "one named operator"},
 	{"POST", "/v1/eval", " outputs", true, false, handle_eval,
 	    "evaluate a document at points: {scene, points, outputs}"},
+	{"POST", "/v1/import", "", true, false, handle_import,
+	    "a three-js-blobtree document as one of ours: {document, warnings}"},
 	{"GET", "/v1/scenes", " limit after", false, false, handle_scenes_list,
 	    "the scenes kept"},
 	{"POST", "/v1/scenes", "", true, false, handle_scenes_post,
@@ -32,6 +37,20 @@ static const struct route routes[] = {
 	{"POST", "/v1/scenes/{id}/eval", " outputs", true, false,
 	    handle_scene_eval, "evaluate it at points: {points, outputs}, "
 	    "raw float32 or npy"},
+	{"GET", "/v1/scenes/{id}/bounds", "", false, false,
+	    handle_scene_bounds, "a box that its field is 0 outside of"},
+	{"POST", "/v1/scenes/{id}/opening-angle", "", true, false,
+	    handle_opening_angle, "how far a union is to open for its blend "
+	    "to end at a point: {node, point, children}"},
+	{"GET", "/v1/volumes", "", false, false, handle_volumes_list,
+	    "the sampled fields that documents may name"},
+	{"POST", "/v1/volumes", " min max kind", true, false,
+	    handle_volumes_post, "keep a grid of samples, an npy array of "
+	    "shape (nx, ny, nz): ?min=x,y,z&max=x,y,z&kind=field|distance"},
+	{"GET", "/v1/volumes/{id}", "", false, false, handle_volume_get,
+	    "what is known of it"},
+	{"DELETE", "/v1/volumes/{id}", "", false, false, handle_volume_delete,
+	    "forget it, but for the scenes that use it"},
 };
 
 #define ROUTE_COUNT (sizeof routes / sizeof *routes)

@@ -101,10 +101,34 @@ static void unload(struct scheduler *s, struct program *p)
 static bool uses(const struct program *p, const struct table_entry *entry)
 {
 	for (size_t i = 0; i < p->entry_count; i++) {
-		if (p->entries[i] == entry)
+		if (p->loaded_entries[i] == entry)
 			return true;
 	}
 	return false;
+}
+
+/* Drops the table of entry, which has been given up, from slot. */
+static void drop(struct scheduler *s, const struct table_entry *entry,
+    int slot)
+{
+	struct program *older;
+
+	for (struct program *p = s->newest; p != NULL; p = older) {
+		older = p->older;
+		if (uses(p, entry))
+			unload(s, p);
+	}
+	device_drop_table(s->device, slot);
+}
+
+/* Drops drafts of which there are too many. */
+static void thin_drafts(struct scheduler *s)
+{
+	const struct table_entry *entry;
+	int slot;
+
+	while (tables_evict_draft(s->options.tables, &entry, &slot))
+		drop(s, entry, slot);
 }
 
 /* Makes room among the tables for one with that claim; false if there is
@@ -112,20 +136,15 @@ static bool uses(const struct program *p, const struct table_entry *entry)
 static bool evict(struct scheduler *s, enum table_claim claim)
 {
 	const struct table_entry *entry;
-	struct program *older;
 	int slot;
 
 	if (!tables_evict(s->options.tables, claim, &entry, &slot))
 		return false;
-	for (struct program *p = s->newest; p != NULL; p = older) {
-		older = p->older;
-		if (uses(p, entry))
-			unload(s, p);
-	}
-	device_drop_table(s->device, slot);
+	drop(s, entry, slot);
 	return true;
 }
 
+/* With the tables in p->loaded_entries. */
 static enum err load_tape(struct scheduler *s, struct program *p)
 {
 	int *slots = malloc(sizeof *slots * (p->entry_count + 1));
@@ -134,17 +153,31 @@ static enum err load_tape(struct scheduler *s, struct program *p)
 	if (slots == NULL)
 		return ERR_MEMORY;
 	for (size_t i = 0; i < p->entry_count; i++)
-		slots[i] = tables_slot(p->entries[i]);
+		slots[i] = tables_slot(p->loaded_entries[i]);
 	err = device_load_tape(s->device, p->tape, slots, &p->loaded);
 	free(slots);
 	return err;
 }
 
-/* Has p on the device, as the one used last. */
-static enum err load(struct scheduler *s, struct program *p)
+/* Has p refer to tables, which are resident. */
+static void refer(struct scheduler *s, struct program *p,
+    struct table_entry *const *tables)
+{
+	size_t size = p->entry_count * sizeof *tables;
+
+	if (p->drafts == NULL || memcmp(p->loaded_entries, tables, size) == 0)
+		return;
+	unload(s, p);
+	memcpy(p->loaded_entries, tables, size);
+}
+
+/* Has p on the device, with these tables, as the one used last. */
+static enum err load(struct scheduler *s, struct program *p,
+    struct table_entry *const *tables)
 {
 	enum err err;
 
+	refer(s, p, tables);
 	if (p->loaded != NULL) {
 		unlink_loaded(s, p);
 		link_newest(s, p);
@@ -180,6 +213,28 @@ static void bury_dead(struct scheduler *s)
 
 /* ---- jobs, device thread ---- */
 
+/* Without drafts there is nothing to choose: the program's own entries are. */
+static enum err init_choice(struct job *job)
+{
+	const struct program *program = job->program;
+
+	job->choice = (struct table_choice){
+		.entries = program->entries,
+		.drafts = program->drafts,
+		.count = program->entry_count,
+		.chosen = program->drafts == NULL ? program->entries :
+		    calloc(program->entry_count, sizeof *program->entries),
+	};
+	return job->choice.chosen != NULL ? ERR_OK : ERR_MEMORY;
+}
+
+static void free_choice(struct job *job)
+{
+	if (job->program->drafts != NULL)
+		free(job->choice.chosen);
+	job->choice.chosen = NULL;
+}
+
 /* Hands job back. It may be gone as soon as done() has been called; only then
  * is it no longer counted in *count. */
 static void finish(struct scheduler *s, struct job *job, enum err err,
@@ -190,8 +245,9 @@ static void finish(struct scheduler *s, struct job *job, enum err err,
 		free(job->rows);
 		job->rows = NULL;
 	}
-	tables_unask(s->options.tables, job->program->entries,
-	    job->program->entry_count);
+	tables_unask(s->options.tables, job->choice.chosen,
+	    job->choice.count);
+	free_choice(job);
 	pthread_mutex_lock(&s->lock);
 	s->stats.completed++;
 	s->stats.points += err == ERR_OK ? job->count : 0;
@@ -266,7 +322,8 @@ static enum err run(struct scheduler *s, struct job *job)
 	double begin = clock_seconds();
 	enum err err;
 
-	err = load(s, job->program);
+	job->is_draft = job->choice.is_draft;
+	err = load(s, job->program, job->choice.chosen);
 	if (err == ERR_OK) {
 		/* One byte more: an empty batch is no failure to allocate. */
 		job->rows = malloc(job->count * floats * sizeof(float) + 1);
@@ -288,7 +345,7 @@ static enum err run(struct scheduler *s, struct job *job)
  * Whether job can be completed now, in *ready, and if that is without running
  * it, why.
  */
-static enum err check(struct scheduler *s, const struct job *job, bool *ready)
+static enum err check(struct scheduler *s, struct job *job, bool *ready)
 {
 	*ready = true;
 	if (s->broken != ERR_OK)
@@ -297,8 +354,7 @@ static enum err check(struct scheduler *s, const struct job *job, bool *ready)
 		return ERR_CANCELLED;
 	if (job->is_too_large)
 		return ERR_LIMIT;
-	return tables_check(s->options.tables, job->program->entries,
-	    job->program->entry_count, ready);
+	return tables_check(s->options.tables, &job->choice, ready);
 }
 
 /* Takes the first job that can be completed off the queue. */
@@ -373,34 +429,29 @@ static void reserve(struct scheduler *s)
 		return;
 	s->head = job;
 	tables_reserve(s->options.tables,
-	    job != NULL ? job->program->entries : NULL,
-	    job != NULL ? job->program->entry_count : 0);
+	    job != NULL ? job->choice.chosen : NULL,
+	    job != NULL ? job->choice.count : 0);
 }
 
 /*
- * No room for a table, nor any to be made. Returns whether anything changed.
- * The head's may lie so that they leave gaps: all are loaded again, alone.
+ * No room for a table that the head needs, nor any to be made. The head's may
+ * lie so that they leave gaps: all are loaded again, alone.
  */
-static bool lack_room(struct scheduler *s, struct table_entry *entry,
-    enum table_claim claim)
+static void lack_room(struct scheduler *s)
 {
-	if (claim == TABLE_BUILTIN) {
-		fail_table(s, entry, ERR_DEVICE_MEMORY);
-	} else if (claim != TABLE_RESERVED) {
-		return false;
-	} else if (s->head->is_alone) {
+	if (s->head->is_alone) {
 		s->head->is_too_large = true;
-	} else {
-		s->head->is_alone = true;
-		while (evict(s, TABLE_BUILTIN))
-			;
+		return;
 	}
-	return true;
+	s->head->is_alone = true;
+	while (evict(s, TABLE_BUILTIN))
+		;
 }
 
-/* Loads one built table, if there is one and room for it. */
+/* Loads one built table, if there is one. Returns whether there was. */
 static bool load_table(struct scheduler *s)
 {
+	bool is_alone = s->head != NULL && s->head->is_alone;
 	const struct table *table;
 	struct table_entry *entry;
 	enum table_claim claim;
@@ -409,19 +460,24 @@ static bool load_table(struct scheduler *s)
 
 	if (s->device == NULL || s->broken != ERR_OK)
 		return false;
-	entry = tables_next_built(s->options.tables, &table, &claim);
-	if (entry == NULL || (claim < TABLE_RESERVED && s->head != NULL &&
-	    s->head->is_alone))
+	entry = tables_next_built(s->options.tables,
+	    is_alone ? TABLE_RESERVED : TABLE_SPARE, &table, &claim);
+	if (entry == NULL)
 		return false;
 	do
 		err = device_load_table(s->device, table, &slot);
 	while (err == ERR_DEVICE_MEMORY && evict(s, claim));
-	if (err == ERR_DEVICE_MEMORY)
-		return lack_room(s, entry, claim);
+	if (err == ERR_DEVICE_MEMORY && claim != TABLE_BUILTIN) {
+		tables_put_back(s->options.tables, entry, claim);
+		if (claim == TABLE_RESERVED)
+			lack_room(s);
+		return true;
+	}
 	if (err == ERR_OK)
 		tables_loaded(s->options.tables, entry, slot);
 	else
 		fail_table(s, entry, err);
+	thin_drafts(s);
 	pthread_mutex_lock(&s->lock);
 	s->stats.table_bytes = device_table_bytes(s->device,
 	    &s->stats.table_bytes_most);
@@ -587,8 +643,10 @@ enum err scheduler_create(const struct scheduler_options *options,
 enum err scheduler_submit(struct scheduler *s, struct job *job)
 {
 	size_t bytes = job_bytes(job);
-	enum err err = ERR_OK;
+	enum err err = init_choice(job);
 
+	if (err != ERR_OK)
+		return err;
 	pthread_mutex_lock(&s->lock);
 	if (s->draining)
 		err = ERR_CANCELLED;
@@ -596,8 +654,7 @@ enum err scheduler_submit(struct scheduler *s, struct job *job)
 	    s->bytes + bytes > QUEUE_BYTES_MAX))
 		err = ERR_BUSY;
 	if (err == ERR_OK) {
-		tables_ask(s->options.tables, job->program->entries,
-		    job->program->entry_count);
+		tables_choose(s->options.tables, &job->choice);
 		job->scheduler = s;
 		job->next = NULL;
 		*s->last = job;
@@ -608,6 +665,8 @@ enum err scheduler_submit(struct scheduler *s, struct job *job)
 		signal_event(s);
 	}
 	pthread_mutex_unlock(&s->lock);
+	if (err != ERR_OK)
+		free_choice(job);
 	return err;
 }
 

@@ -6,7 +6,8 @@
  * its done() on the device thread, after which the job is the submitter's
  * again. A job whose operator tables are not resident waits for them while
  * later ones, whose are, go ahead; the one that has waited longest has its
- * tables loaded before all others'.
+ * tables loaded before all others'. Where its operators allow drafts, it waits
+ * for those only.
  */
 #ifndef SERVER_SCHEDULER_H
 #define SERVER_SCHEDULER_H
@@ -16,10 +17,10 @@
 
 #include "core/err.h"
 #include "kernels/device.h"
+#include "server/tables.h"
 
 struct program;
 struct scheduler;
-struct tables;
 struct tape;
 
 /* One evaluation. Zeroed by the caller, then: */
@@ -37,11 +38,13 @@ struct job {
 	/* set before done() */
 	enum err result;
 	char message[256];       /* of a failure, for a person; or "" */
+	bool is_draft;           /* ... with drafts of operator tables */
 	float *rows;             /* malloc'd, the submitter's to free; or NULL */
 	double seconds;          /* on the device */
 	/* the scheduler's own */
 	struct job *next;
 	struct scheduler *scheduler;
+	struct table_choice choice; /* of the program's tables and drafts */
 	bool is_alone;           /* its tables have had all room once */
 	bool is_too_large;       /* ... and it was not enough */
 };
@@ -69,8 +72,8 @@ enum err scheduler_create(const struct scheduler_options *options,
     struct scheduler **out);
 
 /*
- * Queues job. ERR_BUSY: the queue is full; ERR_CANCELLED: draining. Either way
- * nothing of job's has been called.
+ * Queues job. ERR_BUSY: the queue is full; ERR_CANCELLED: draining;
+ * ERR_MEMORY. Either way nothing of job's has been called.
  */
 enum err scheduler_submit(struct scheduler *s, struct job *job);
 

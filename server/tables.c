@@ -1,10 +1,19 @@
 /*
- * An entry belongs to the list until nobody refers to it and it holds nothing;
- * its members are guarded by the one lock, which is released while a table is
- * built, measured or uploaded. state says who works on the entry: the builder
- * (WAITING, BUILDING), the device thread (BUILT, RESIDENT), nobody (ABSENT,
- * FAILED). slot is the device thread's alone. An entry with claim TABLE_SPARE
- * is not WAITING or BUILT, and, if BUILDING, is being abandoned.
+ * An entry is kept until nobody refers to it and it holds nothing; its members
+ * are guarded by the one lock, which is released while a table is built,
+ * measured or uploaded. state says who works on the entry: a builder (WAITING,
+ * BUILDING), the device thread (BUILT, RESIDENT), nobody (ABSENT, FAILED). slot
+ * is the device thread's alone. An entry with claim TABLE_SPARE is not WAITING,
+ * nor BUILT unless it is being uploaded, and, if BUILDING, is being abandoned.
+ *
+ * Clients make as many entries as they like: an entry is found by its hash, and
+ * lies in a list of those with its state and size, so that no function but
+ * tables_report looks at all of them.
+ *
+ * Each builder has a lane: drafts, what is asked for, wishes. A wish is one's
+ * until its table is resident or has failed, or too many newer ones were made;
+ * if it is then asked for while being built, the builder of what is asked for
+ * begins anew, at its own priority, and the other one gives up.
  */
 #include "server/tables.h"
 
@@ -12,19 +21,37 @@
 #include <pthread.h>
 #include <sched.h>
 #include <stdatomic.h>
+#include <stdint.h>
 #include <stdlib.h>
-#include <unistd.h>
+#include <sys/resource.h>
 
 #include "server/clock.h"
 #include "server/config.h"
+#include "server/crew.h"
 #include "server/log.h"
 
-#define BUILDERS_MAX 64
 #define BUILTIN_COUNT 4
 
 /* Tables of a claim, or a larger one, that may wait for the device thread at
  * once: it can be busy for long, and a table takes up to 100 MB. */
 #define BUILT_MAX 2
+
+/* Wishes remembered beside those of the latest evaluation: of an animated
+ * profile all but the last few have moved on. */
+#define WISHES_MAX 4
+
+/* Wishes of one evaluation; repeated, it wishes for others, once it has these.
+ * A thousand times as many would be dropped by the next one. */
+#define WISHES_EACH_MAX 32
+
+/* Of 16 entries each when 8 evaluations of 1000 drafted operators wait. */
+#define BUCKET_COUNT 1024
+
+/* Drafts that stay resident though nobody waits for them, 0.2 MB each. */
+#define DRAFTS_MAX 64
+
+/* Of the wishes' builder: about a tenth of a busy core. */
+#define WISHES_NICE 10
 
 /* Points measured in one step: about 10 ms, so that a shutdown does not wait. */
 #define MEASURE_STEP 2000
@@ -32,15 +59,42 @@
 
 static_assert(TABLE_SAMPLE % MEASURE_STEP == 0, "steps fill the sample");
 
+enum lane_kind {
+	LANE_DRAFTS,
+	LANE_ASKED,
+	LANE_WISHED,
+	LANE_COUNT
+};
+
+/* A builder. */
+struct lane {
+	struct tables *tables;
+	enum lane_kind kind;
+	pthread_t thread;
+	bool is_started;
+	struct table_entry *entry; /* being built; NULL: none, or no more */
+	atomic_bool abandon;       /* that build */
+};
+
 struct table_entry {
-	struct table_entry *next;
-	struct operator key;      /* its opening does not count */
+	struct table_entry *prev, *next; /* of its list, see list_of */
+	struct table_entry *chain;       /* the next with its hash */
+	size_t bucket;
+	unsigned long number;     /* order of creation */
 	enum table_state state;
 	enum err err;             /* FAILED */
 	size_t refs, asks;
-	bool is_reserved;
+	unsigned long reserved;   /* equals that of tables: it is */
 	bool is_builtin;
+	bool is_draft;
 	unsigned long turn;       /* order of asking, then of last use */
+	unsigned long wish;       /* likewise of wishing; 0: no wish */
+	struct table_entry *wish_older, *wish_newer;
+	bool is_loading;          /* BUILT: the device thread reads table */
+	unsigned long refused;    /* equals room of tables: no room for it, with
+	                           * a claim of at most refused_claim */
+	enum table_claim refused_claim;
+	struct lane *lane;        /* BUILDING: whose */
 	struct table *table;      /* host copy; NULL once nobody needs it */
 	bool measuring;           /* the measuring thread reads table */
 	bool was_resident;
@@ -49,6 +103,11 @@ struct table_entry {
 	double build_seconds;
 	bool measured;
 	struct table_error error;
+	struct operator key;      /* its opening does not count */
+};
+
+struct list {
+	struct table_entry *first, *last;
 };
 
 struct tables {
@@ -56,15 +115,21 @@ struct tables {
 	bool measure;
 	void (*changed)(void *ctx);
 	void *ctx;
-	pthread_mutex_t lock;     /* guards the list and all entries */
-	pthread_cond_t wake;      /* builder and measurer */
-	struct table_entry *list;
+	pthread_mutex_t lock;     /* guards what follows and all entries */
+	pthread_cond_t wake;      /* builders and measurer */
+	struct table_entry *buckets[BUCKET_COUNT];
+	struct list lists[TABLE_STATE_COUNT][2]; /* all entries; see list_of */
+	struct table_entry *wish_oldest, *wish_newest;
+	size_t wish_count;
+	unsigned long number; /* entries made so far */
 	unsigned long turn;
+	unsigned long reserved;   /* counts calls of tables_reserve */
+	unsigned long room;       /* counts what may have made room; from 1 */
 	bool may_measure;
 	atomic_bool stop;
-	atomic_bool abandon;      /* what the builder builds now */
-	pthread_t builder, measurer;
-	bool has_builder, has_measurer;
+	struct lane lanes[LANE_COUNT];
+	pthread_t measurer;
+	bool has_measurer;
 	struct table_entry *builtin[BUILTIN_COUNT];
 };
 
@@ -90,21 +155,88 @@ static bool same_key(const struct operator *a, const struct operator *b)
 }
 
 /* Locked. */
-static enum table_claim claim_of(const struct table_entry *entry)
+static enum table_claim claim_of(const struct tables *t,
+    const struct table_entry *entry)
 {
 	if (entry->is_builtin && !entry->was_resident)
 		return TABLE_BUILTIN;
 	if (entry->asks == 0)
-		return TABLE_SPARE;
-	return entry->is_reserved ? TABLE_RESERVED : TABLE_ASKED;
+		return entry->wish > 0 ? TABLE_WISHED : TABLE_SPARE;
+	return entry->reserved == t->reserved ? TABLE_RESERVED : TABLE_ASKED;
 }
+
+/* ---- lists, locked ---- */
+
+/* As small as a draft, whether it is one or not. */
+static bool is_small(const struct table_entry *entry)
+{
+	return entry->key.resolution <= TABLES_DRAFT_RESOLUTION;
+}
+
+static struct list *list_of(struct tables *t, const struct table_entry *entry)
+{
+	return &t->lists[entry->state][is_small(entry)];
+}
+
+static void link_last(struct tables *t, struct table_entry *entry)
+{
+	struct list *list = list_of(t, entry);
+
+	entry->prev = list->last;
+	entry->next = NULL;
+	*(list->last ? &list->last->next : &list->first) = entry;
+	list->last = entry;
+}
+
+static void unlink_entry(struct tables *t, struct table_entry *entry)
+{
+	struct list *list = list_of(t, entry);
+
+	*(entry->prev ? &entry->prev->next : &list->first) = entry->next;
+	*(entry->next ? &entry->next->prev : &list->last) = entry->prev;
+}
+
+static void set_state(struct tables *t, struct table_entry *entry,
+    enum table_state state)
+{
+	unlink_entry(t, entry);
+	entry->state = state;
+	link_last(t, entry);
+}
+
+/* Does nothing to one without a wish. */
+static void drop_wish(struct tables *t, struct table_entry *entry)
+{
+	if (entry->wish == 0)
+		return;
+	*(entry->wish_older ? &entry->wish_older->wish_newer :
+	    &t->wish_oldest) = entry->wish_newer;
+	*(entry->wish_newer ? &entry->wish_newer->wish_older :
+	    &t->wish_newest) = entry->wish_older;
+	entry->wish = 0;
+	t->wish_count--;
+}
+
+static void add_wish(struct tables *t, struct table_entry *entry)
+{
+	drop_wish(t, entry);
+	entry->wish_older = t->wish_newest;
+	entry->wish_newer = NULL;
+	*(t->wish_newest ? &t->wish_newest->wish_newer : &t->wish_oldest) =
+	    entry;
+	t->wish_newest = entry;
+	entry->wish = ++t->turn;
+	t->wish_count++;
+}
+
+/* ---- what becomes of an entry ---- */
 
 /* Frees the host copy where nobody will read it again. Locked. */
 static void trim(struct tables *t, struct table_entry *entry)
 {
 	bool wanted = entry->state == TABLE_BUILT ||
 	    (entry->state == TABLE_RESIDENT && t->measure &&
-	    !entry->measured);
+	    !entry->measured && !entry->is_draft);
 
 	if (entry->measuring || wanted)
 		return;
@@ -115,30 +247,53 @@ static void trim(struct tables *t, struct table_entry *entry)
 /* Forgets an entry that holds nothing and that nobody refers to. Locked. */
 static void forget(struct tables *t, struct table_entry *entry)
 {
-	struct table_entry **link = &t->list;
+	struct table_entry **link = &t->buckets[entry->bucket];
 
 	trim(t, entry);
 	if (entry->refs > 0 || entry->measuring ||
 	    (entry->state != TABLE_ABSENT && entry->state != TABLE_FAILED))
 		return;
 	while (*link != entry)
-		link = &(*link)->next;
-	*link = entry->next;
+		link = &(*link)->chain;
+	*link = entry->chain;
+	drop_wish(t, entry);
+	unlink_entry(t, entry);
 	free(entry);
 }
 
-/* Takes an entry that nobody waits for off its way to the device. Locked. */
+/* Takes an entry that nobody waits for off its way to the device, but not out
+ * of the device thread's hands. Locked. */
 static void settle(struct tables *t, struct table_entry *entry)
 {
-	if (claim_of(entry) == TABLE_SPARE) {
-		if (entry->state == TABLE_BUILDING)
-			atomic_store(&t->abandon, true);
-		if (entry->state == TABLE_WAITING ||
-		    entry->state == TABLE_BUILT)
-			entry->state = TABLE_ABSENT;
+	/* Another builder may be the one for it now, or no longer held back. */
+	if (entry->state == TABLE_WAITING || entry->state == TABLE_BUILT)
 		pthread_cond_broadcast(&t->wake);
+	if (claim_of(t, entry) == TABLE_SPARE) {
+		if (entry->state == TABLE_BUILDING)
+			atomic_store(&entry->lane->abandon, true);
+		if (entry->state == TABLE_WAITING ||
+		    (entry->state == TABLE_BUILT && !entry->is_loading))
+			set_state(t, entry, TABLE_ABSENT);
 	}
 	forget(t, entry);
+}
+
+/* Which builder builds it. Locked. */
+static enum lane_kind lane_of(const struct tables *t,
+    const struct table_entry *entry)
+{
+	if (is_small(entry))
+		return LANE_DRAFTS;
+	return claim_of(t, entry) > TABLE_WISHED ? LANE_ASKED : LANE_WISHED;
+}
+
+/* Takes an entry away from the builder that builds it. Locked. */
+static void disown(struct tables *t, struct table_entry *entry)
+{
+	atomic_store(&entry->lane->abandon, true);
+	entry->lane->entry = NULL;
+	entry->lane = NULL;
+	set_state(t, entry, TABLE_WAITING);
 }
 
 /*
@@ -147,55 +302,68 @@ static void settle(struct tables *t, struct table_entry *entry)
  */
 static void want(struct tables *t, struct table_entry *entry)
 {
-	if (entry->state == TABLE_BUILDING)
-		atomic_store(&t->abandon, false);
-	if (entry->state != TABLE_ABSENT && entry->state != TABLE_FAILED)
+	if (entry->state == TABLE_ABSENT || entry->state == TABLE_FAILED) {
+		set_state(t, entry, entry->table != NULL ? TABLE_BUILT :
+		    TABLE_WAITING);
+		entry->turn = ++t->turn;
+	} else if (entry->state == TABLE_BUILDING &&
+	    entry->lane->kind == LANE_WISHED &&
+	    lane_of(t, entry) != LANE_WISHED) {
+		disown(t, entry);
+		entry->turn = ++t->turn;
+	} else if (entry->state == TABLE_BUILDING) {
+		atomic_store(&entry->lane->abandon, false);
+	}
+	if (entry->state == TABLE_WAITING)
+		pthread_cond_broadcast(&t->wake);
+}
+
+/* Drops the oldest wishes if there are too many, but none from first on.
+ * Locked. */
+static void limit_wishes(struct tables *t, unsigned long first)
+{
+	struct table_entry *oldest;
+
+	while (t->wish_count > WISHES_MAX &&
+	    (oldest = t->wish_oldest)->wish < first) {
+		drop_wish(t, oldest);
+		settle(t, oldest);
+	}
+}
+
+/* Locked; limit_wishes should follow. */
+static void wish(struct tables *t, struct table_entry *entry)
+{
+	if (entry->state == TABLE_RESIDENT)
 		return;
-	entry->state = entry->table != NULL ? TABLE_BUILT : TABLE_WAITING;
-	entry->turn = ++t->turn;
-	pthread_cond_broadcast(&t->wake);
+	add_wish(t, entry);
+	want(t, entry);
 }
 
 /* ---- building ---- */
 
 struct build {
+	struct lane *lane;
 	struct table *table;
-	atomic_int next; /* slice to fill */
-	atomic_int filled;
-	const atomic_bool *stop, *abandon;
 };
 
-static void *fill_slices(void *arg)
+static bool fill_slice(void *ctx, size_t slice)
 {
-	struct build *build = arg;
+	const struct build *build = ctx;
 
-	while (!atomic_load(build->stop) && !atomic_load(build->abandon)) {
-		int slice = atomic_fetch_add(&build->next, 1);
-
-		if (slice >= build->table->resolution)
-			break;
-		table_build(build->table, slice, slice + 1);
-		atomic_fetch_add(&build->filled, 1);
-	}
-	return NULL;
+	if (atomic_load(&build->lane->tables->stop) ||
+	    atomic_load(&build->lane->abandon))
+		return false;
+	table_build(build->table, (int)slice, (int)slice + 1);
+	return true;
 }
 
-/* Fills table on every core; the calling thread takes part. False: told to
- * leave it unfinished. */
-static bool fill(struct tables *t, struct table *table)
+/* Fills table on every core. False: told to leave it unfinished. */
+static bool fill(struct lane *lane, struct table *table)
 {
-	struct build build = {table, 0, 0, &t->stop, &t->abandon};
-	pthread_t threads[BUILDERS_MAX];
-	long cores = sysconf(_SC_NPROCESSORS_ONLN);
-	int count = 0;
+	struct build build = {lane, table};
 
-	while (count < BUILDERS_MAX && count + 1 < cores &&
-	    pthread_create(&threads[count], NULL, fill_slices, &build) == 0)
-		count++;
-	fill_slices(&build);
-	while (count > 0)
-		pthread_join(threads[--count], NULL);
-	return atomic_load(&build.filled) == table->resolution;
+	return crew_run((size_t)table->resolution, fill_slice, &build);
 }
 
 static void log_built(const struct table_entry *entry)
@@ -207,78 +375,111 @@ static void log_built(const struct table_entry *entry)
 	    1e-6 * (double)entry->bytes, 1e3 * entry->build_seconds);
 }
 
-/* Builds one entry. Locked on entry and return, not while it builds. */
-static void build(struct tables *t, struct table_entry *entry)
+/*
+ * Builds one entry. Locked on entry and return, not while it builds. False: it
+ * was taken away meanwhile, and may be gone.
+ */
+static bool build(struct lane *lane, struct table_entry *entry)
 {
+	struct tables *t = lane->tables;
 	double begin = clock_seconds();
 	struct operator key = entry->key;
 	struct table *table = NULL;
 	enum err err;
 
-	entry->state = TABLE_BUILDING;
-	atomic_store(&t->abandon, false);
+	set_state(t, entry, TABLE_BUILDING);
+	entry->lane = lane;
+	lane->entry = entry;
+	atomic_store(&lane->abandon, false);
 	pthread_mutex_unlock(&t->lock);
 	err = table_create(key.family, &key.profile, key.layout,
 	    key.resolution, &table);
-	if (err == ERR_OK && !fill(t, table))
+	if (err == ERR_OK && !fill(lane, table))
 		err = ERR_CANCELLED;
 	pthread_mutex_lock(&t->lock);
+	if (lane->entry == NULL) {
+		table_free(table);
+		return false;
+	}
+	lane->entry = NULL;
+	entry->lane = NULL;
 	if (err != ERR_OK) {
 		table_free(table);
 		/* One asked for again meanwhile starts afresh. */
-		entry->state = err != ERR_CANCELLED ? TABLE_FAILED :
-		    TABLE_WAITING;
+		set_state(t, entry, err != ERR_CANCELLED ? TABLE_FAILED :
+		    TABLE_WAITING);
+		if (err != ERR_CANCELLED)
+			drop_wish(t, entry);
 		entry->err = err;
-		return;
+		return true;
 	}
-	entry->state = TABLE_BUILT;
+	set_state(t, entry, TABLE_BUILT);
 	entry->table = table;
 	entry->bytes = table_bytes(table);
 	entry->build_seconds = clock_seconds() - begin;
 	log_built(entry);
+	return true;
 }
 
-/* The one in state with the largest claim; of several, the first asked for. */
-static struct table_entry *next_in(struct tables *t, enum table_state state)
+/* Whether a goes before b: the larger claim; of wishes the last made, else
+ * the first asked for. Locked. */
+static bool precedes(const struct tables *t, const struct table_entry *a,
+    const struct table_entry *b)
 {
-	struct table_entry *best = NULL;
+	enum table_claim claim = claim_of(t, a);
 
-	for (struct table_entry *e = t->list; e != NULL; e = e->next) {
-		if (e->state != state)
-			continue;
-		if (best == NULL || claim_of(e) > claim_of(best) ||
-		    (claim_of(e) == claim_of(best) && e->turn < best->turn))
-			best = e;
-	}
-	return best;
+	if (claim != claim_of(t, b))
+		return claim > claim_of(t, b);
+	return claim == TABLE_WISHED ? a->wish > b->wish : a->turn < b->turn;
 }
 
-/* The entry to build now, or NULL. */
-static struct table_entry *next_to_build(struct tables *t)
+/* Whether one more table with that claim may be built. Small ones may. */
+static bool may_build(const struct tables *t, enum table_claim claim)
 {
-	struct table_entry *entry = next_in(t, TABLE_WAITING);
 	int built = 0;
 
-	for (struct table_entry *e = t->list; entry != NULL && e != NULL;
-	    e = e->next)
-		built += e->state == TABLE_BUILT &&
-		    claim_of(e) >= claim_of(entry);
-	return built < BUILT_MAX ? entry : NULL;
+	for (const struct table_entry *e = t->lists[TABLE_BUILT][false].first;
+	    e != NULL; e = e->next)
+		built += claim_of(t, e) >= claim;
+	return built < BUILT_MAX;
+}
+
+/* The entry for lane to build now, or NULL. */
+static struct table_entry *next_to_build(struct tables *t,
+    enum lane_kind kind)
+{
+	const bool small = kind == LANE_DRAFTS;
+	struct table_entry *entry = NULL;
+
+	for (struct table_entry *e = t->lists[TABLE_WAITING][small].first;
+	    e != NULL; e = e->next) {
+		if (lane_of(t, e) == kind &&
+		    (entry == NULL || precedes(t, e, entry)))
+			entry = e;
+	}
+	if (entry == NULL || small)
+		return entry;
+	return may_build(t, claim_of(t, entry)) ? entry : NULL;
 }
 
 static void *builder_main(void *arg)
 {
-	struct tables *t = arg;
+	struct lane *lane = arg;
+	struct tables *t = lane->tables;
 
+	/* Linux has a nice value for each thread. */
+	if (lane->kind == LANE_WISHED)
+		setpriority(PRIO_PROCESS, 0, WISHES_NICE);
 	pthread_mutex_lock(&t->lock);
 	while (!atomic_load(&t->stop)) {
-		struct table_entry *entry = next_to_build(t);
+		struct table_entry *entry = next_to_build(t, lane->kind);
 
 		if (entry == NULL) {
 			pthread_cond_wait(&t->wake, &t->lock);
 			continue;
 		}
-		build(t, entry);
+		if (!build(lane, entry))
+			continue;
 		settle(t, entry);
 		pthread_mutex_unlock(&t->lock);
 		t->changed(t->ctx);
@@ -310,12 +511,13 @@ static bool measure(const struct table *table, const atomic_bool *stop,
 
 static struct table_entry *next_to_measure(struct tables *t)
 {
-	if (!t->may_measure)
-		return NULL;
-	for (struct table_entry *e = t->list; e != NULL; e = e->next) {
-		if (e->state == TABLE_RESIDENT && e->table != NULL &&
-		    !e->measured)
-			return e;
+	for (int small = 0; small < 2 && t->may_measure; small++) {
+		for (struct table_entry *e =
+		    t->lists[TABLE_RESIDENT][small].first; e != NULL;
+		    e = e->next) {
+			if (e->table != NULL && !e->measured)
+				return e;
+		}
 	}
 	return NULL;
 }
@@ -365,7 +567,7 @@ static enum err acquire_builtin(struct tables *t)
 	    profile_bulge(0.8)};
 	struct operator op = {.layout = t->layout};
 
-	op.resolution = config_resolution(op.layout);
+	op.resolution = table_resolution(op.layout);
 	for (int i = 0; i < BUILTIN_COUNT; i++) {
 		enum err err;
 
@@ -382,12 +584,14 @@ static enum err acquire_builtin(struct tables *t)
 
 static void free_entries(struct tables *t)
 {
-	while (t->list != NULL) {
-		struct table_entry *entry = t->list;
+	for (size_t i = 0; i < BUCKET_COUNT; i++) {
+		while (t->buckets[i] != NULL) {
+			struct table_entry *entry = t->buckets[i];
 
-		t->list = entry->next;
-		table_free(entry->table);
-		free(entry);
+			t->buckets[i] = entry->chain;
+			table_free(entry->table);
+			free(entry);
+		}
 	}
 }
 
@@ -399,6 +603,7 @@ enum err tables_create(enum table_layout layout, struct tables **out)
 	if (t == NULL)
 		return ERR_MEMORY;
 	t->layout = layout;
+	t->room = t->reserved = 1;
 	pthread_mutex_init(&t->lock, NULL);
 	pthread_cond_init(&t->wake, NULL);
 	err = acquire_builtin(t);
@@ -416,9 +621,15 @@ enum err tables_start(struct tables *t, bool measure_them,
 	t->changed = changed;
 	t->ctx = ctx;
 	t->measure = measure_them;
-	if (pthread_create(&t->builder, NULL, builder_main, t) != 0)
-		return ERR_IO;
-	t->has_builder = true;
+	for (int i = 0; i < LANE_COUNT; i++) {
+		struct lane *lane = &t->lanes[i];
+
+		lane->tables = t;
+		lane->kind = (enum lane_kind)i;
+		if (pthread_create(&lane->thread, NULL, builder_main, lane) != 0)
+			return ERR_IO;
+		lane->is_started = true;
+	}
 	t->has_measurer = measure_them &&
 	    pthread_create(&t->measurer, NULL, measurer_main, t) == 0;
 	return ERR_OK;
@@ -430,8 +641,10 @@ void tables_stop(struct tables *t)
 	atomic_store(&t->stop, true);
 	pthread_cond_broadcast(&t->wake);
 	pthread_mutex_unlock(&t->lock);
-	if (t->has_builder)
-		pthread_join(t->builder, NULL);
+	for (int i = 0; i < LANE_COUNT; i++) {
+		if (t->lanes[i].is_started)
+			pthread_join(t->lanes[i].thread, NULL);
+	}
 	if (t->has_measurer)
 		pthread_join(t->measurer, NULL);
 }
@@ -448,28 +661,95 @@ void tables_free(struct tables *t)
 
 /* ---- entries ---- */
 
-enum err tables_acquire(struct tables *t, const struct operator *op,
-    struct table_entry **out)
+/* FNV-1a. */
+static uint64_t hash_more(uint64_t hash, const void *bytes, size_t count)
 {
-	struct table_entry **link = &t->list;
+	const unsigned char *byte = bytes;
+
+	for (size_t i = 0; i < count; i++)
+		hash = (hash ^ byte[i]) * 0x100000001b3;
+	return hash;
+}
+
+/* The same for all with the same key (same_key). */
+static size_t bucket_of(const struct operator *op)
+{
+	const struct profile *profile = &op->profile;
+	const int words[] = {op->family, op->layout, op->resolution,
+	    profile->type};
+	uint64_t hash = hash_more(0xcbf29ce484222325, words, sizeof words);
+
+	/* Plus 0: one hash for both zeros. */
+	if (profile->type == PROFILE_BULGE)
+		hash = hash_more(hash, &(double){profile->k + 0.0},
+		    sizeof(double));
+	for (int i = 0; profile->type == PROFILE_SAMPLES &&
+	    i < profile->count; i++)
+		hash = hash_more(hash, &(double[2]){profile->x[i] + 0.0,
+		    profile->y[i] + 0.0}, 2 * sizeof(double));
+	return (size_t)(hash ^ hash >> 32) % BUCKET_COUNT;
+}
+
+/* The entry for op, a new one if need be; NULL: no memory. Locked. */
+static struct table_entry *find(struct tables *t, const struct operator *op)
+{
+	size_t bucket = bucket_of(op);
+	struct table_entry *entry = t->buckets[bucket];
+
+	while (entry != NULL && !same_key(&entry->key, op))
+		entry = entry->chain;
+	if (entry != NULL)
+		return entry;
+	entry = calloc(1, sizeof *entry);
+	if (entry == NULL)
+		return NULL;
+	entry->key = *op;
+	entry->number = ++t->number;
+	entry->is_draft = true;
+	entry->bucket = bucket;
+	entry->chain = t->buckets[bucket];
+	t->buckets[bucket] = entry;
+	link_last(t, entry);
+	return entry;
+}
+
+static enum err acquire(struct tables *t, const struct operator *op,
+    bool as_draft, struct table_entry **out)
+{
 	struct table_entry *entry;
 
 	pthread_mutex_lock(&t->lock);
-	while (*link != NULL && !same_key(&(*link)->key, op))
-		link = &(*link)->next;
-	entry = *link;
-	if (entry == NULL) {
-		entry = *link = calloc(1, sizeof *entry);
-		if (entry != NULL)
-			entry->key = *op;
-	}
-	if (entry != NULL)
+	entry = find(t, op);
+	if (entry != NULL) {
 		entry->refs++;
+		/* One that is somebody's own table is no draft. */
+		entry->is_draft = entry->is_draft && as_draft;
+	}
 	pthread_mutex_unlock(&t->lock);
 	if (entry == NULL)
 		return ERR_MEMORY;
 	*out = entry;
 	return ERR_OK;
+}
+
+enum err tables_acquire(struct tables *t, const struct operator *op,
+    struct table_entry **out)
+{
+	return acquire(t, op, false, out);
+}
+
+enum err tables_acquire_draft(struct tables *t, const struct operator *op,
+    struct table_entry **out)
+{
+	struct operator draft = *op;
+
+	draft.resolution = TABLES_DRAFT_RESOLUTION;
+	return acquire(t, &draft, true, out);
+}
+
+bool tables_has_draft(const struct operator *op)
+{
+	return op->draft && op->resolution > TABLES_DRAFT_RESOLUTION;
 }
 
 void tables_release(struct tables *t, struct table_entry *entry)
@@ -480,61 +760,119 @@ void tables_release(struct tables *t, struct table_entry *entry)
 	pthread_mutex_unlock(&t->lock);
 }
 
-void tables_ask(struct tables *t, struct table_entry *const *entries,
-    size_t count)
+/* Locked. */
+static void ask(struct tables *t, struct table_entry *entry)
 {
-	pthread_mutex_lock(&t->lock);
-	for (size_t i = 0; i < count; i++) {
-		entries[i]->asks++;
-		want(t, entries[i]);
+	entry->asks++;
+	want(t, entry);
+}
+
+/* Locked. */
+static void unask(struct tables *t, struct table_entry *entry)
+{
+	entry->asks--;
+	if (entry->state == TABLE_RESIDENT) {
+		entry->turn = ++t->turn;
+		t->room += entry->asks == 0;
 	}
-	pthread_mutex_unlock(&t->lock);
+	if (entry->asks == 0)
+		settle(t, entry);
 }
 
 void tables_unask(struct tables *t, struct table_entry *const *entries,
     size_t count)
 {
 	pthread_mutex_lock(&t->lock);
-	for (size_t i = 0; i < count; i++) {
-		if (entries[i]->state == TABLE_RESIDENT)
-			entries[i]->turn = ++t->turn;
-		if (--entries[i]->asks == 0)
-			settle(t, entries[i]);
-	}
+	for (size_t i = 0; i < count; i++)
+		unask(t, entries[i]);
 	pthread_mutex_unlock(&t->lock);
+}
+
+/* Of pair i the one to use now. Locked. */
+static struct table_entry *pick(const struct table_choice *c, size_t i)
+{
+	return c->drafts == NULL || c->drafts[i] == NULL ||
+	    c->entries[i]->state == TABLE_RESIDENT ? c->entries[i] :
+	    c->drafts[i];
+}
+
+void tables_choose(struct tables *t, struct table_choice *c)
+{
+	size_t wishes = 0;
+	unsigned long first;
+
+	pthread_mutex_lock(&t->lock);
+	first = t->turn + 1;
+	for (size_t i = 0; i < c->count; i++) {
+		struct table_entry *entry = c->entries[i], *now = pick(c, i);
+
+		if (c->chosen[i] != now) /* else others may read it */
+			c->chosen[i] = now;
+		ask(t, now);
+		if (now == entry || entry->wish >= first ||
+		    wishes == WISHES_EACH_MAX)
+			continue;
+		wish(t, entry);
+		wishes++;
+	}
+	limit_wishes(t, first);
+	pthread_mutex_unlock(&t->lock);
+	c->at = 0;
+}
+
+/* Chooses anew of pair i, whose full table has come or been displaced: an
+ * older wish stays as old as it is. Locked. */
+static void choose_again(struct tables *t, struct table_choice *c, size_t i)
+{
+	struct table_entry *old = c->chosen[i], *now = pick(c, i);
+
+	if (now == old)
+		return;
+	c->chosen[i] = now;
+	ask(t, now);
+	if (now != c->entries[i] && c->entries[i]->wish == 0) {
+		wish(t, c->entries[i]);
+		limit_wishes(t, c->entries[i]->wish);
+	}
+	unask(t, old);
+}
+
+enum err tables_check(struct tables *t, struct table_choice *c, bool *ready)
+{
+	enum err err = ERR_OK;
+	bool is_draft = false;
+	size_t seen = 0;
+
+	pthread_mutex_lock(&t->lock);
+	for (; seen < c->count; seen++) {
+		choose_again(t, c, c->at);
+		if (c->chosen[c->at]->state != TABLE_RESIDENT)
+			break;
+		is_draft = is_draft || c->chosen[c->at] != c->entries[c->at];
+		c->at = (c->at + 1) % c->count;
+	}
+	if (seen < c->count && c->chosen[c->at]->state == TABLE_FAILED)
+		err = c->chosen[c->at]->err;
+	pthread_mutex_unlock(&t->lock);
+	if (err != ERR_OK)
+		return err;
+	c->is_draft = is_draft;
+	*ready = seen == c->count;
+	return ERR_OK;
 }
 
 void tables_reserve(struct tables *t, struct table_entry *const *entries,
     size_t count)
 {
 	pthread_mutex_lock(&t->lock);
-	for (struct table_entry *e = t->list; e != NULL; e = e->next)
-		e->is_reserved = false;
+	t->reserved++;
 	for (size_t i = 0; i < count; i++) {
-		entries[i]->is_reserved = true;
+		entries[i]->reserved = t->reserved;
 		/* The builder may have held back. */
 		if (entries[i]->state == TABLE_WAITING)
 			pthread_cond_broadcast(&t->wake);
 	}
 	pthread_mutex_unlock(&t->lock);
-}
-
-enum err tables_check(struct tables *t, struct table_entry *const *entries,
-    size_t count, bool *ready)
-{
-	enum err err = ERR_OK;
-	bool all = true;
-
-	pthread_mutex_lock(&t->lock);
-	for (size_t i = 0; i < count; i++) {
-		if (entries[i]->state == TABLE_FAILED)
-			err = entries[i]->err;
-		all = all && entries[i]->state == TABLE_RESIDENT;
-	}
-	pthread_mutex_unlock(&t->lock);
-	if (err == ERR_OK)
-		*ready = all;
-	return err;
 }
 
 enum err tables_check_builtin(struct tables *t, bool *ready)
@@ -556,16 +894,34 @@ enum err tables_check_builtin(struct tables *t, bool *ready)
 
 /* ---- the device thread's side ---- */
 
-struct table_entry *tables_next_built(struct tables *t,
-    const struct table **table, enum table_claim *claim)
+/* Whether there is no room for it, as far as known. One that the evaluation
+ * that has waited longest needs is tried each time. Locked. */
+static bool is_refused(const struct tables *t, const struct table_entry *e)
 {
-	struct table_entry *entry;
+	return e->refused == t->room && claim_of(t, e) <= e->refused_claim &&
+	    claim_of(t, e) < TABLE_RESERVED;
+}
+
+struct table_entry *tables_next_built(struct tables *t,
+    enum table_claim least, const struct table **table,
+    enum table_claim *claim)
+{
+	struct table_entry *entry = NULL;
 
 	pthread_mutex_lock(&t->lock);
-	entry = next_in(t, TABLE_BUILT);
+	for (int small = 0; small < 2; small++) {
+		for (struct table_entry *e =
+		    t->lists[TABLE_BUILT][small].first; e != NULL;
+		    e = e->next) {
+			if (claim_of(t, e) >= least && !is_refused(t, e) &&
+			    (entry == NULL || precedes(t, e, entry)))
+				entry = e;
+		}
+	}
 	if (entry != NULL) {
+		entry->is_loading = true;
 		*table = entry->table;
-		*claim = claim_of(entry);
+		*claim = claim_of(t, entry);
 	}
 	pthread_mutex_unlock(&t->lock);
 	return entry;
@@ -574,8 +930,10 @@ struct table_entry *tables_next_built(struct tables *t,
 void tables_loaded(struct tables *t, struct table_entry *entry, int slot)
 {
 	pthread_mutex_lock(&t->lock);
+	entry->is_loading = false;
 	entry->slot = slot;
-	entry->state = TABLE_RESIDENT;
+	set_state(t, entry, TABLE_RESIDENT);
+	drop_wish(t, entry);
 	entry->was_resident = true;
 	entry->turn = ++t->turn;
 	trim(t, entry);
@@ -586,9 +944,22 @@ void tables_loaded(struct tables *t, struct table_entry *entry, int slot)
 void tables_failed(struct tables *t, struct table_entry *entry, enum err err)
 {
 	pthread_mutex_lock(&t->lock);
-	entry->state = TABLE_FAILED;
+	entry->is_loading = false;
+	set_state(t, entry, TABLE_FAILED);
+	drop_wish(t, entry);
 	entry->err = err;
 	forget(t, entry);
+	pthread_mutex_unlock(&t->lock);
+}
+
+void tables_put_back(struct tables *t, struct table_entry *entry,
+    enum table_claim claim)
+{
+	pthread_mutex_lock(&t->lock);
+	entry->is_loading = false;
+	entry->refused = t->room;
+	entry->refused_claim = claim;
+	settle(t, entry);
 	pthread_mutex_unlock(&t->lock);
 }
 
@@ -597,39 +968,78 @@ int tables_slot(const struct table_entry *entry)
 	return entry->slot;
 }
 
+/* Whether resident a is given up before b. Locked. */
+static bool yields(const struct tables *t, const struct table_entry *a,
+    const struct table_entry *b)
+{
+	if (claim_of(t, a) != claim_of(t, b))
+		return claim_of(t, a) < claim_of(t, b);
+	if (a->is_draft != b->is_draft)
+		return a->is_draft;
+	return a->turn < b->turn;
+}
+
 /* The resident entry to give up first for one with that claim, or NULL. */
 static struct table_entry *least_needed(struct tables *t,
     enum table_claim claim)
 {
 	struct table_entry *best = NULL;
 
-	for (struct table_entry *e = t->list; e != NULL; e = e->next) {
-		if (e->state != TABLE_RESIDENT || claim_of(e) >= claim)
-			continue;
-		if (best == NULL || claim_of(e) < claim_of(best) ||
-		    (claim_of(e) == claim_of(best) && e->turn < best->turn))
-			best = e;
+	for (int small = 0; small < 2; small++) {
+		for (struct table_entry *e =
+		    t->lists[TABLE_RESIDENT][small].first; e != NULL;
+		    e = e->next) {
+			if (claim_of(t, e) < claim &&
+			    (best == NULL || yields(t, e, best)))
+				best = e;
+		}
 	}
 	return best;
+}
+
+/* Locked; entry may be NULL: false. */
+static bool give_up(struct tables *t, struct table_entry *entry,
+    const struct table_entry **out, int *slot)
+{
+	if (entry == NULL)
+		return false;
+	*out = entry;
+	*slot = entry->slot;
+	t->room++;
+	set_state(t, entry, TABLE_ABSENT);
+	if (claim_of(t, entry) > TABLE_SPARE)
+		want(t, entry);
+	forget(t, entry);
+	return true;
 }
 
 bool tables_evict(struct tables *t, enum table_claim claim,
     const struct table_entry **out, int *slot)
 {
-	struct table_entry *entry;
+	bool found;
 
 	pthread_mutex_lock(&t->lock);
-	entry = least_needed(t, claim);
-	if (entry != NULL) {
-		*out = entry;
-		*slot = entry->slot;
-		entry->state = TABLE_ABSENT;
-		if (claim_of(entry) > TABLE_SPARE)
-			want(t, entry);
-		forget(t, entry);
-	}
+	found = give_up(t, least_needed(t, claim), out, slot);
 	pthread_mutex_unlock(&t->lock);
-	return entry != NULL;
+	return found;
+}
+
+bool tables_evict_draft(struct tables *t, const struct table_entry **out,
+    int *slot)
+{
+	struct table_entry *spare;
+	size_t count = 0;
+	bool found;
+
+	pthread_mutex_lock(&t->lock);
+	for (const struct table_entry *e =
+	    t->lists[TABLE_RESIDENT][true].first; e != NULL; e = e->next)
+		count += e->is_draft;
+	spare = count > DRAFTS_MAX ? least_needed(t, TABLE_WISHED) : NULL;
+	found = spare != NULL && spare->is_draft &&
+	    give_up(t, spare, out, slot);
+	pthread_mutex_unlock(&t->lock);
+	return found;
 }
 
 /* ---- for people ---- */
@@ -637,10 +1047,12 @@ bool tables_evict(struct tables *t, enum table_claim claim,
 static struct table_report report(const struct table_entry *entry)
 {
 	return (struct table_report){
+		.number = entry->number,
 		.family = entry->key.family,
 		.profile = entry->key.profile,
 		.layout = entry->key.layout,
 		.resolution = entry->key.resolution,
+		.draft = entry->is_draft,
 		.state = entry->state,
 		.bytes = entry->bytes,
 		.build_seconds = entry->build_seconds,
@@ -649,24 +1061,92 @@ static struct table_report report(const struct table_entry *entry)
 	};
 }
 
+/* Reports every entry to out (NULL: none); how many there are. Locked. */
+static size_t report_all(const struct tables *t, struct table_report *out)
+{
+	size_t n = 0;
+
+	for (size_t i = 0; i < BUCKET_COUNT; i++) {
+		for (const struct table_entry *e = t->buckets[i]; e != NULL;
+		    e = e->chain, n++) {
+			if (out != NULL)
+				out[n] = report(e);
+		}
+	}
+	return n;
+}
+
+static int compare_reports(const void *a, const void *b)
+{
+	const struct table_report *x = a, *y = b;
+
+	return x->number < y->number ? -1 : x->number > y->number;
+}
+
 enum err tables_report(struct tables *t, struct table_report **out,
     size_t *count)
 {
 	struct table_report *list;
-	size_t n = 0;
+	size_t n;
 
 	pthread_mutex_lock(&t->lock);
-	for (const struct table_entry *e = t->list; e != NULL; e = e->next)
-		n++;
+	n = report_all(t, NULL);
 	list = malloc(sizeof *list * (n > 0 ? n : 1));
-	n = 0;
-	for (const struct table_entry *e = t->list; list != NULL && e != NULL;
-	    e = e->next)
-		list[n++] = report(e);
+	if (list != NULL)
+		report_all(t, list);
 	pthread_mutex_unlock(&t->lock);
 	if (list == NULL)
 		return ERR_MEMORY;
+	qsort(list, n, sizeof *list, compare_reports);
 	*out = list;
 	*count = n;
+	return ERR_OK;
+}
+
+/* ---- tables built elsewhere ---- */
+
+/* Whether entry has no table, nor is one being made or uploaded. One that was
+ * evicted while it was being measured has. Locked. */
+static bool is_lacking(const struct table_entry *entry)
+{
+	return entry->table == NULL && (entry->state == TABLE_ABSENT ||
+	    entry->state == TABLE_FAILED || entry->state == TABLE_WAITING);
+}
+
+/* Takes table over for entry. Locked. */
+static void take(struct tables *t, struct table_entry *entry,
+    struct table *table, double seconds)
+{
+	set_state(t, entry, TABLE_BUILT);
+	entry->table = table;
+	entry->bytes = table_bytes(table);
+	entry->build_seconds = seconds;
+}
+
+enum err tables_give(struct tables *t, const struct operator *op,
+    struct table *table, double seconds, struct table_report *out)
+{
+	struct table_entry *entry;
+	bool taken = false;
+
+	pthread_mutex_lock(&t->lock);
+	entry = find(t, op);
+	if (entry != NULL) {
+		entry->is_draft = false;
+		taken = is_lacking(entry);
+		if (taken)
+			take(t, entry, table, seconds);
+		/* Wished for, a host copy left after eviction is loaded. */
+		entry->turn = ++t->turn;
+		wish(t, entry);
+		*out = report(entry);
+		limit_wishes(t, entry->wish);
+	}
+	pthread_mutex_unlock(&t->lock);
+	if (!taken)
+		table_free(table);
+	if (entry == NULL)
+		return ERR_MEMORY;
+	t->changed(t->ctx);
 	return ERR_OK;
 }

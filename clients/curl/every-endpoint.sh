@@ -40,12 +40,26 @@ printf '{"scene": %s, "points": [[0,0,2.6], [0,0,1.4]]}' \
 # Two points as raw float32: (0,0,0) and (0,0,2).
 printf '\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\100' >"$work/points"
 
+# A grid of 4 x 4 x 4 float32, all 0, as NumPy writes it.
+{
+	header="{'descr': '<f4', 'fortran_order': False, 'shape': (4, 4, 4), }"
+	printf '\223NUMPY\1\0\166\0%-117s\n' "$header"
+	head -c 256 /dev/zero
+} >"$work/grid.npy"
+cat >"$work/import.json" <<'END'
+{"type": "RootNode", "children": [{"type": "ScalisPoint", "density": 1,
+  "volType": "dist", "v": [{"position": {"x": 0, "y": 0, "z": 0}, "thickness": 1}],
+  "materials": [{"color": "#ff8000"}]}]}
+END
+
 call 200 GET /
 call 200 GET /healthz
 call 200 GET /readyz
 call 200 GET /v1/info
 call 200 GET /v1/operators
 call 200 GET /v1/operators/camel
+call 200 POST /v1/operators -H "$json" \
+	-d '{"profile": "circle", "max_error": 1e-3}'
 call 200 POST /v1/eval -H "$json" --data-binary "@$work/eval.json"
 call 201 PUT "/v1/scenes/$id" -H "$json" --data-binary "@$here/letter-a.json"
 tag=$(header ETag)
@@ -58,7 +72,17 @@ call 200 POST "/v1/scenes/$id/eval" -H "$json" \
 	-d '{"points": [0,0,2.6], "outputs": ["value", "gradient", "hessian"]}'
 call 200 POST "/v1/scenes/$id/eval?outputs=value" -H "$octets" \
 	-H 'Accept: application/x-npy' --data-binary "@$work/points"
+call 200 GET "/v1/scenes/$id/bounds"
+call 200 POST "/v1/scenes/$id/opening-angle" -H "$json" \
+	-d '{"node": "letter", "point": [0.1, 0, 2.4]}'
 call 204 DELETE "/v1/scenes/$id"
+call 201 POST "/v1/volumes?min=0,0,0&max=3,3,3&kind=field" \
+	-H 'Content-Type: application/x-npy' --data-binary "@$work/grid.npy"
+volume=$(header Location)
+call 200 GET /v1/volumes
+call 200 GET "$volume"
+call 204 DELETE "$volume"
+call 200 POST /v1/import -H "$json" --data-binary "@$work/import.json"
 call 201 POST /v1/scenes -H "$json" --data-binary "@$here/letter-a.json"
 call 204 DELETE "$(header Location)"
 call 204 OPTIONS /v1/eval

@@ -44,7 +44,7 @@ static void try_body(const char *data, size_t size, bool with_scene)
 	    100, &request, &faults);
 	demand((err == ERR_OK) == (faults.count == 0));
 	if (err == ERR_OK) {
-		demand(request.outputs != 0 && request.outputs < 8);
+		demand(request.outputs != 0 && request.outputs <= OUTPUT_ALL);
 		demand((request.document != NULL) == with_scene);
 	} else {
 		demand(!request.document && !request.points.xyz);
@@ -65,7 +65,7 @@ static void try_header(const char *text)
 	if (media_from_accept(text, &type))
 		demand(type < MEDIA_PROBLEM);
 	if (outputs_from_list(text, "/outputs", &outputs, &faults) == ERR_OK)
-		demand(outputs != 0 && outputs < 8);
+		demand(outputs != 0 && outputs <= OUTPUT_ALL);
 	else
 		demand(faults.count > 0);
 }
