@@ -52,6 +52,8 @@ static pid_t spawn(const char *const *arguments, int out, int err)
 	if (pid == 0) {
 		/* A failed test must not leave one behind. */
 		prctl(PR_SET_PDEATHSIG, SIGKILL);
+		/* Not as nohup would have it, which the daemon minds. */
+		signal(SIGHUP, SIG_DFL);
 		dup2(out, STDOUT_FILENO);
 		if (err >= 0)
 			dup2(err, STDERR_FILENO);

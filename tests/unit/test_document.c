@@ -1342,16 +1342,19 @@ static void test_operators_without_angles_are_evaluated(void **unused)
 
 static void test_operators_without_angles_want_memory(void **unused)
 {
-	char *text = quote("{'format':'blobfield/1','operators':{'cut':"
+	static const char wanted[] =
+	    "{'format':'blobfield/1','operators':{'cut':"
 	    "{'type':'power-difference'},'join':{'type':'barthe-opening'}},"
 	    "'root':{'type':'union','operator':'join','children':[{'type':"
 	    "'difference','operator':'cut','children':[" POINT "," POINT "]},"
 	    "{'type':'union','operator':{'type':'ricci'},'children':[" POINT
-	    "," POINT "]}]}}");
+	    "," POINT "]}]}}";
+	char *text;
 
 	(void)unused;
 	if (!fail_alloc_available())
 		skip();
+	text = quote(wanted);
 	assert_true(fail_each_allocation(text) > 3);
 	free(text);
 }

@@ -81,6 +81,7 @@ static float *ask_rows(struct daemon *d)
 	    .headers = {"Content-Type: application/octet-stream",
 	    "Accept: application/octet-stream", NULL}};
 	struct http_reply reply;
+	float *rows;
 
 	http_json(d->url, "PUT", "/v1/scenes/language", scene, &reply);
 	assert_true(reply.status == 200 || reply.status == 201);
@@ -95,7 +96,11 @@ static float *ask_rows(struct daemon *d)
 		fail_msg("%ld: %s", reply.status, reply.body);
 	assert_int_equal(reply.length,
 	    POINT_COUNT * COLUMNS * sizeof(float));
-	return (float *)(void *)reply.body;
+	rows = malloc(reply.length);
+	assert_non_null(rows);
+	memcpy(rows, reply.body, reply.length);
+	http_reply_fini(&reply);
+	return rows;
 }
 
 static void check_color(const struct tape *tape, int i, const float *row)
