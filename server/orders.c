@@ -12,6 +12,7 @@
 #include <stdlib.h>
 #include <sys/resource.h>
 
+#include "core/curve.h"
 #include "core/table.h"
 #include "server/clock.h"
 #include "server/crew.h"
@@ -67,9 +68,11 @@ struct found {
 int orders_resolution_most(size_t bytes)
 {
 	const size_t node = (TABLE_FIRST + TABLE_SECOND) * sizeof(float);
+	const size_t curves = 2 * TABLE_CURVE_NODES * CURVE_NODE *
+	    sizeof(float);
 	size_t n = TABLE_RESOLUTION_MAX;
 
-	while (n > TABLE_RESOLUTION_MIN && n * n * n * node > bytes)
+	while (n > TABLE_RESOLUTION_MIN && n * n * n * node + curves > bytes)
 		n--;
 	return (int)n;
 }
@@ -214,7 +217,8 @@ static enum err bisect(struct search *search, struct found *found)
 		err = try(search, high, INFINITY, &holds, found);
 	if (err == ERR_OK && found->max > bound)
 		err = ERR_LIMIT;
-	return err == ERR_OK ? step_down(search, found) : err;
+	return err == ERR_OK && found->table != NULL ?
+	    step_down(search, found) : err;
 }
 
 /* Has the exact values there, which often are, from an order before. */

@@ -448,6 +448,19 @@ static void lack_room(struct scheduler *s)
 		;
 }
 
+/*
+ * Whether giving up all tables of lesser claims would make room: none is given
+ * up for nothing, but for the head's and the built-in ones, which must have it.
+ */
+static bool may_fit(struct scheduler *s, const struct table *table,
+    enum table_claim claim)
+{
+	size_t most, used = device_table_bytes(s->device, &most);
+
+	return claim >= TABLE_RESERVED || used + table_bytes(table) <=
+	    most + tables_evictable(s->options.tables, claim);
+}
+
 /* Loads one built table, if there is one. Returns whether there was. */
 static bool load_table(struct scheduler *s)
 {
@@ -466,7 +479,8 @@ static bool load_table(struct scheduler *s)
 		return false;
 	do
 		err = device_load_table(s->device, table, &slot);
-	while (err == ERR_DEVICE_MEMORY && evict(s, claim));
+	while (err == ERR_DEVICE_MEMORY && may_fit(s, table, claim) &&
+	    evict(s, claim));
 	if (err == ERR_DEVICE_MEMORY && claim != TABLE_BUILTIN) {
 		tables_put_back(s->options.tables, entry, claim);
 		if (claim == TABLE_RESERVED)

@@ -36,7 +36,7 @@
  * once: it can be busy for long, and a table takes up to 100 MB. */
 #define BUILT_MAX 2
 
-/* Wishes remembered beside those of the latest evaluation: of an animated
+/* Wishes remembered, unless the latest evaluation has more: of an animated
  * profile all but the last few have moved on. */
 #define WISHES_MAX 4
 
@@ -318,16 +318,23 @@ static void want(struct tables *t, struct table_entry *entry)
 		pthread_cond_broadcast(&t->wake);
 }
 
-/* Drops the oldest wishes if there are too many, but none from first on.
- * Locked. */
+/*
+ * Drops the oldest wishes if there are too many, but none from first on, nor
+ * what is being built or uploaded: of clients whose wishes displace each other
+ * before any is built, none would ever come true. Locked.
+ */
 static void limit_wishes(struct tables *t, unsigned long first)
 {
-	struct table_entry *oldest;
+	struct table_entry *newer;
 
-	while (t->wish_count > WISHES_MAX &&
-	    (oldest = t->wish_oldest)->wish < first) {
-		drop_wish(t, oldest);
-		settle(t, oldest);
+	for (struct table_entry *e = t->wish_oldest;
+	    e != NULL && e->wish < first && t->wish_count > WISHES_MAX;
+	    e = newer) {
+		newer = e->wish_newer;
+		if (e->state == TABLE_BUILDING || e->is_loading)
+			continue;
+		drop_wish(t, e);
+		settle(t, e);
 	}
 }
 
@@ -949,6 +956,7 @@ void tables_failed(struct tables *t, struct table_entry *entry, enum err err)
 	drop_wish(t, entry);
 	entry->err = err;
 	forget(t, entry);
+	pthread_cond_broadcast(&t->wake);
 	pthread_mutex_unlock(&t->lock);
 }
 
@@ -1022,6 +1030,19 @@ bool tables_evict(struct tables *t, enum table_claim claim,
 	found = give_up(t, least_needed(t, claim), out, slot);
 	pthread_mutex_unlock(&t->lock);
 	return found;
+}
+
+size_t tables_evictable(struct tables *t, enum table_claim claim)
+{
+	size_t bytes = 0;
+
+	pthread_mutex_lock(&t->lock);
+	for (int i = 0; i < 2; i++)
+		for (const struct table_entry *e =
+		    t->lists[TABLE_RESIDENT][i].first; e != NULL; e = e->next)
+			bytes += claim_of(t, e) < claim ? e->bytes : 0;
+	pthread_mutex_unlock(&t->lock);
+	return bytes;
 }
 
 bool tables_evict_draft(struct tables *t, const struct table_entry **out,

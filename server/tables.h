@@ -191,6 +191,9 @@ int tables_slot(const struct table_entry *entry);
 bool tables_evict(struct tables *t, enum table_claim claim,
     const struct table_entry **out, int *slot);
 
+/* Device thread: the bytes that tables_evict would give up, all told. */
+size_t tables_evictable(struct tables *t, enum table_claim claim);
+
 /* Device thread: the same of a draft nobody waits for, where there are too
  * many. */
 bool tables_evict_draft(struct tables *t, const struct table_entry **out,
