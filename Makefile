@@ -12,6 +12,10 @@ SAN ?=
 V ?=
 # Seconds each fuzzer runs in `make fuzz`.
 FUZZ_SECONDS ?= 60
+# Requests of `make soak`.
+SOAK_REQUESTS ?= 1000000
+# Parts of `make bench`: device scale tables start wire; none: all.
+BENCH_PARTS ?=
 
 comma := ,
 B := build$(if $(SAN),/$(subst $(comma),-,$(SAN)))
@@ -19,7 +23,7 @@ Q := $(if $(V),,@)
 VERSION := $(shell sed -n 's/^\#\# \([0-9][0-9.]*\).*/\1/p' CHANGELOG.md | head -1)
 
 PACKAGES := gcc libc6-dev libmicrohttpd-dev libcjson-dev nettle-dev \
-	ocl-icd-opencl-dev pocl-opencl-icd
+	libxxhash-dev ocl-icd-opencl-dev pocl-opencl-icd
 RUN_PACKAGES := curl
 TEST_PACKAGES := libcmocka-dev libcurl4-openssl-dev curl clang \
 	python3-jsonschema
@@ -46,12 +50,13 @@ UNIT := $(call programs,unit)
 DEVICE := $(call programs,device)
 WIRE := $(call programs,wire)
 VERDICTS := $(B)/tests/schema/document_verdicts
-BENCH := $(patsubst %.c,$(B)/%,$(wildcard tests/bench/bench_*.c))
+BENCH := $(B)/tests/bench/bench
+SOAK := $(B)/tests/load/soak
 FUZZ := $(patsubst tests/fuzz/%.c,build/fuzz/%,$(wildcard tests/fuzz/fuzz_*.c))
 
 # What the kernels are made of. Order matters: constants shared with C, types,
 # functions, entry points.
-CL := $(addprefix core/,opcode.h output.h descriptor.h curve.h table_shape.h \
+CL := $(addprefix core/,opcode.h tile.h output.h descriptor.h curve.h table_shape.h \
 	warp.h classic.h convolution.h) \
 	$(addprefix kernels/,prelude.cl convolution.cl primitive.cl volume.cl \
 	warp.cl curve.cl fetch.cl table.cl classic.cl compose.cl surface.cl \
@@ -76,6 +81,7 @@ help:
 	@echo 'make test       install what is missing, run every test'
 	@echo '                (SAN=address,undefined or SAN=thread: sanitized)'
 	@echo 'make bench      measure tables and evaluation'
+	@echo 'make soak       SOAK_REQUESTS=$(SOAK_REQUESTS) small requests; memory must stay'
 	@echo 'make fuzz       run each fuzzer for FUZZ_SECONDS=$(FUZZ_SECONDS)'
 	@echo 'make install    to PREFIX=$(PREFIX); uninstall takes it back'
 	@echo 'make clean      remove build/'
@@ -107,20 +113,38 @@ $(SUPPORT): $(call objects,tests/support)
 	$(Q)rm -f $@ && ar rcs $@ $^
 
 # The tables' threads, without the rest of the daemon.
-$(B)/tests/unit/test_server_tables: $(addprefix $(B)/server/,tables.o crew.o \
-	log.o)
+$(B)/tests/unit/test_server_tables: $(addprefix $(B)/,server/tables.o \
+	server/crew.o server/log.o server/table_cache.o kernels/cache_file.o)
+
+# The scheduler, before a device that the test plays.
+$(B)/tests/unit/test_server_scheduler: $(addprefix $(B)/,$(patsubst %.c,%.o,\
+	$(wildcard server/scheduler*.c)) server/program.o server/tables.o \
+	server/crew.o server/log.o server/table_cache.o kernels/cache_file.o)
+
+# The files of the cache, without a device.
+$(B)/tests/unit/test_table_cache: $(addprefix $(B)/,server/table_cache.o \
+	server/log.o kernels/cache_file.o)
 
 $(UNIT): $(B)/%: $(B)/%.o $(SUPPORT) $(PROTO) $(CORE)
 	$(if $(Q),@echo '  LD    $@')
 	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcmocka -lcjson -lm
 
-$(DEVICE) $(BENCH): $(B)/%: $(B)/%.o $(SUPPORT) $(KERNELS) $(PROTO) $(CORE)
+$(DEVICE): $(B)/%: $(B)/%.o $(SUPPORT) $(KERNELS) $(PROTO) $(CORE)
 	$(if $(Q),@echo '  LD    $@')
 	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcmocka -lcjson -lOpenCL -lm
+
+$(BENCH): $(call objects,tests/bench) $(SUPPORT) $(KERNELS) $(PROTO) $(CORE)
+	$(if $(Q),@echo '  LD    $@')
+	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lmicrohttpd -lcmocka -lcurl -lcjson \
+	    -lOpenCL -lm
 
 $(WIRE): $(B)/%: $(B)/%.o $(SUPPORT) $(PROTO) $(CORE)
 	$(if $(Q),@echo '  LD    $@')
 	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcmocka -lcurl -lcjson -lm
+
+$(SOAK): $(B)/%: $(B)/%.o $(SUPPORT)
+	$(if $(Q),@echo '  LD    $@')
+	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcmocka -lcurl -lm
 
 $(VERDICTS): $(B)/%: $(B)/%.o $(PROTO) $(CORE)
 	$(if $(Q),@echo '  LD    $@')
@@ -184,8 +208,13 @@ check-kernels:
 
 .PHONY: bench
 bench: packages-test
-	@$(MAKE) --no-print-directory -j2 $(BENCH)
-	@for b in $(BENCH); do $$b || exit 1; done
+	@$(MAKE) --no-print-directory -j2 $(B)/blobfieldd $(BENCH)
+	@$(BENCH) --json $(B)/bench.json $(BENCH_PARTS)
+
+.PHONY: soak
+soak: packages-test
+	@$(MAKE) --no-print-directory -j2 $(B)/blobfieldd $(SOAK)
+	@$(SOAK) $(SOAK_REQUESTS)
 
 .PHONY: fuzz
 fuzz: packages-fuzz

@@ -469,8 +469,10 @@ static void taper_box(const struct warp *w, struct warp_box *b)
  * then 11 rad, more than the turn that documents may have. */
 #define BEND_MIXED_MAX 1.4
 
-/* Slabs of a piece, whose boxes are found one by one. */
+/* A piece's boxes are found slab by slab: so many at most, and so many of a
+ * radian's turn. */
 #define BEND_SLABS 16
+#define BEND_SLABS_RADIAN 40.0
 
 #define PI 3.14159265358979323846
 
@@ -548,12 +550,19 @@ static void bend_piece(double k, double length, struct span y, struct span x,
 	bend_slab(k, y, x, r, out);
 }
 
-/* Slab i of s. */
-static struct span slab(struct span s, int i)
+static int slab_count(double k, struct span s)
 {
-	double step = (s.most - s.least) / BEND_SLABS;
+	double count = ceil(fabs(k) * (s.most - s.least) * BEND_SLABS_RADIAN);
 
-	return (struct span){s.least + i * step, i + 1 < BEND_SLABS ?
+	return (int)fmax(1.0, fmin(count, BEND_SLABS));
+}
+
+/* Slab i of count of s. */
+static struct span slab(struct span s, int i, int count)
+{
+	double step = (s.most - s.least) / count;
+
+	return (struct span){s.least + i * step, i + 1 < count ?
 	    s.least + (i + 1) * step : s.most};
 }
 
@@ -563,9 +572,10 @@ static void bend_arc(double k, double length, const struct warp_box *b,
 {
 	struct span y = {fmax(b->z.least, BEND_MIXED * length),
 	    fmin(b->z.most, (1.0 - BEND_MIXED) * length)};
+	int count = y.least <= y.most ? slab_count(k, y) : 0;
 
-	for (int i = 0; i < BEND_SLABS && y.least <= y.most; i++)
-		bend_piece(k, length, slab(y, i), b->x, out);
+	for (int i = 0; i < count; i++)
+		bend_piece(k, length, slab(y, i, count), b->x, out);
 }
 
 /* w at d beyond the end, in lengths of the mixed piece's half. */
@@ -603,12 +613,14 @@ static void bend_mixed(double k, double length, double end,
 	double most = fmax(1.0, fmax(r0, r1) / cos(angle));
 	double least = fmax(1e-9, fmin(1.0, fmin(r0, r1) * sinc(angle)));
 	struct span d = {b->z.least - end, b->z.most - end};
+	int count;
 
 	/* y - e is d times a factor in [least, most] */
 	d.least = fmax(d.least / (d.least < 0.0 ? least : most), -reach);
 	d.most = fmin(d.most / (d.most > 0.0 ? least : most), reach);
-	for (int i = 0; i < BEND_SLABS && d.least <= d.most; i++)
-		bend_mixed_slab(k, length, end, slab(d, i), b, out);
+	count = d.least <= d.most ? slab_count(k, d) : 0;
+	for (int i = 0; i < count; i++)
+		bend_mixed_slab(k, length, end, slab(d, i, count), b, out);
 }
 
 /* Beyond the end at L, turned by kL, where it goes straight on. */
@@ -657,15 +669,16 @@ static void bend_box(const struct warp *w, struct warp_box *b)
 	b->z.most += ROUNDING * size;
 }
 
-static struct box warp_box(const struct node *node)
+/* What W takes into b, in the frame of the warp. */
+static struct box warped(const struct warp *w, const struct box *child)
 {
 	static void (*const types[WARP_TYPE_COUNT])(const struct warp *w,
 	    struct warp_box *b) = {
 		[WARP_TWIST] = twist_box, [WARP_TAPER] = taper_box,
 		[WARP_BEND] = bend_box,
 	};
-	struct affine frame = warp_frame(&node->warp), inverse = frame;
-	struct box b = node_box(node->children[0]);
+	struct affine frame = warp_frame(w), inverse = frame;
+	struct box b = *child;
 	struct warp_box own;
 
 	if (is_nothing(&b) || !affine_invert(&frame, &inverse))
@@ -673,10 +686,17 @@ static struct box warp_box(const struct node *node)
 	b = map(&inverse, &b);
 	own = (struct warp_box){{b.least[0], b.most[0]},
 	    {b.least[1], b.most[1]}, {b.least[2], b.most[2]}};
-	types[node->warp.type](&node->warp, &own);
+	types[w->type](w, &own);
 	b = (struct box){{own.x.least, own.y.least, own.z.least},
 	    {own.x.most, own.y.most, own.z.most}};
 	return map(&frame, &b);
+}
+
+static struct box warp_box(const struct node *node)
+{
+	struct box b = node_box(node->children[0]);
+
+	return warped(&node->warp, &b);
 }
 
 /* ---- nodes ---- */
@@ -697,12 +717,46 @@ static struct box node_box(const struct node *node)
 	return node->has_transform ? map(&node->transform, &b) : b;
 }
 
+static struct bounds bounds_of(const struct box *b)
+{
+	return (struct bounds){{b->least[0], b->least[1], b->least[2]},
+	    {b->most[0], b->most[1], b->most[2]}};
+}
+
+static struct box box_of(const struct bounds *b)
+{
+	const struct box out = {{b->min.x, b->min.y, b->min.z},
+	    {b->max.x, b->max.y, b->max.z}};
+
+	return is_nothing(&out) ? nothing : out;
+}
+
 struct bounds bounds_of_node(const struct node *node)
 {
 	struct box b = node_box(node);
 
-	return (struct bounds){{b.least[0], b.least[1], b.least[2]},
-	    {b.most[0], b.most[1], b.most[2]}};
+	return bounds_of(&b);
+}
+
+struct bounds bounds_of_primitive(const struct primitive *p)
+{
+	struct box b = primitive_box(p);
+
+	return bounds_of(&b);
+}
+
+struct bounds bounds_map(const struct affine *m, const struct bounds *b)
+{
+	struct box in = box_of(b), out = map(m, &in);
+
+	return bounds_of(&out);
+}
+
+struct bounds bounds_unwarp(const struct warp *w, const struct bounds *b)
+{
+	struct box in = box_of(b), out = warped(w, &in);
+
+	return bounds_of(&out);
 }
 
 bool bounds_is_empty(const struct bounds *b)

@@ -8,7 +8,10 @@
 
 #include "core/vec3.h"
 
+struct affine;
 struct node;
+struct primitive;
+struct warp;
 
 /* Axis-parallel. Coordinates may be infinite: planes, convolutions. Empty
  * where some min exceeds its max. */
@@ -27,6 +30,15 @@ struct bounds {
  * that tape_compile takes; the time is that of its nodes, refs expanded.
  */
 struct bounds bounds_of_node(const struct node *node);
+
+/* The same of one primitive, in its own frame. */
+struct bounds bounds_of_primitive(const struct primitive *p);
+
+/* A box about b's image under m. */
+struct bounds bounds_map(const struct affine *m, const struct bounds *b);
+
+/* A box, in w's own frame, about the points that W takes into b. */
+struct bounds bounds_unwarp(const struct warp *w, const struct bounds *b);
 
 bool bounds_is_empty(const struct bounds *b);
 

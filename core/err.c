@@ -10,6 +10,7 @@ static const char *const messages[ERR_COUNT] = {
 	[ERR_CONFLICT] = "conflict",
 	[ERR_BUSY] = "queue full",
 	[ERR_CANCELLED] = "cancelled",
+	[ERR_DEADLINE] = "deadline passed",
 	[ERR_DEVICE] = "device failure",
 	[ERR_DEVICE_BUILD] = "device compiler failure",
 	[ERR_DEVICE_MEMORY] = "out of device memory",

@@ -16,6 +16,7 @@ enum err {
 	ERR_CONFLICT,    /* already there, or changed meanwhile */
 	ERR_BUSY,        /* a bounded queue is full: try again */
 	ERR_CANCELLED,   /* given up before it ran: shutdown, or nobody waits */
+	ERR_DEADLINE,    /* not done by the time that was asked for */
 	ERR_DEVICE,      /* an OpenCL call failed */
 	ERR_DEVICE_BUILD,/* the device's compiler refused a kernel */
 	ERR_DEVICE_MEMORY,/* the device, or our share of it, is full */

@@ -469,7 +469,9 @@ static void push_primitive(struct walk *w, const struct insn *insn,
     const double *params, int order)
 {
 	w->colors[w->end - w->stack] = w->color;
-	if (insn->op == OP_VOLUME)
+	if (insn->op == OP_ZERO)
+		*w->end++ = (struct jet){0};
+	else if (insn->op == OP_VOLUME)
 		volume_eval(w->tape->volumes[insn->index], params, w->x, order,
 		    w->end++);
 	else

@@ -35,7 +35,9 @@
 #define OP_ENTER 3        /* a[9], t[3], warp_prepare's; index: WARP_TWIST ... */
 #define OP_LEAVE 4        /* the parameters and index of its OP_ENTER */
 /* soft objects: f = weight (1 - d^2/R^2)^n */
-#define OP_POINT 5        /* c[3], inv_r2, n, weight */
+#define OP_POINT 5        /* c[3], inv_r2, n, weight; index: if n is 3 and
+                           * OP_SUM follows, the count of such pairs in a row
+                           * from here on (tape_mark_runs), else 0 */
 #define OP_SEGMENT 6      /* a[3], u[3], length, Ra, (Rb-Ra)/length, n, weight */
 #define OP_TRIANGLE 7     /* a[3], b[3], c[3], inv_r2, n, weight */
 #define OP_DISC 8         /* c[3], u[3], disc_radius, inv_r2, n, weight */
@@ -55,22 +57,24 @@
 /* a sampled field: core/volume.h */
 #define OP_VOLUME 20      /* min[3], inv_spacing[3], count[3], inv_fall or 0;
                            * index: which of the tape's volumes */
+/* 0 everywhere, without parameters: what core/prune.h leaves of an operand */
+#define OP_ZERO 21
 /* compositions; "first" is the jet pushed first unless the name says SWAPPED */
-#define OP_MAX 21         /* sharp union */
-#define OP_MIN 22         /* sharp intersection */
-#define OP_MINUS 23       /* sharp difference: min(first, max(0, 1 - second)) */
-#define OP_MINUS_SWAPPED 24
-#define OP_SUM 25
-#define OP_RICCI 26       /* n; (f1^n + f2^n)^(1/n) */
+#define OP_MAX 22         /* sharp union */
+#define OP_MIN 23         /* sharp intersection */
+#define OP_MINUS 24       /* sharp difference: min(first, max(0, 1 - second)) */
+#define OP_MINUS_SWAPPED 25
+#define OP_SUM 26
+#define OP_RICCI 27       /* n; (f1^n + f2^n)^(1/n) */
 /* operators without angles, core/classic.h: classic_prepare's parameters;
  * index: CLASSIC_SUPER_ELLIPTIC ... */
-#define OP_CLASSIC 27
-#define OP_CLASSIC_SWAPPED 28
-#define OP_UNION 29       /* null_gradient; index: operator */
-#define OP_INTERSECTION 30
-#define OP_DIFFERENCE 31  /* intersection(first, max(0, 1 - second)) */
-#define OP_DIFFERENCE_SWAPPED 32
-#define OP_COUNT 33
+#define OP_CLASSIC 28
+#define OP_CLASSIC_SWAPPED 29
+#define OP_UNION 30       /* null_gradient; index: operator */
+#define OP_INTERSECTION 31
+#define OP_DIFFERENCE 32  /* intersection(first, max(0, 1 - second)) */
+#define OP_DIFFERENCE_SWAPPED 33
+#define OP_COUNT 34
 
 /* Instructions before this one push no jet, those before OP_MAX push one. */
 #define OP_PRIMITIVES OP_POINT

@@ -1,6 +1,7 @@
 #include "core/table.h"
 
 #include <math.h>
+#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -33,13 +34,13 @@ enum err table_create(enum operator_family family,
 	t->layout = layout;
 	t->resolution = resolution;
 	t->node_count = n * n * n;
-	t->first = malloc(t->node_count * TABLE_FIRST * sizeof(float));
-	t->second = malloc(t->node_count * TABLE_SECOND * sizeof(float));
-	t->curves = malloc(2 * TABLE_CURVE_NODES * CURVE_NODE * sizeof(float));
-	if (!t->first || !t->second || !t->curves) {
+	t->first = malloc(table_bytes(t));
+	if (!t->first) {
 		table_free(t);
 		return ERR_MEMORY;
 	}
+	t->second = t->first + t->node_count * TABLE_FIRST;
+	t->curves = t->second + t->node_count * TABLE_SECOND;
 	*out = t;
 	return ERR_OK;
 }
@@ -49,8 +50,6 @@ void table_free(struct table *t)
 	if (!t)
 		return;
 	free(t->first);
-	free(t->second);
-	free(t->curves);
 	free(t);
 }
 
@@ -177,46 +176,102 @@ static void fill_uniform(const struct table *t, int it, int iu, int iv,
  * sigma(r) is the union of 1 and r at theta = 0, where k = 0. Over v, with
  * s = 1 - v and r = 1 - s^2, its slope is 2 s sigma', which stays finite.
  */
-static void fill_curves(const struct table *t)
+static void fill_curve(const struct table *t, int i,
+    float phi[static CURVE_NODE], float sigma[static CURVE_NODE])
 {
-	for (int i = 0; i < TABLE_CURVE_NODES; i++) {
-		float *phi = t->curves + CURVE_NODE * (TABLE_PHI + i);
-		float *sigma = t->curves + CURVE_NODE * (TABLE_SIGMA + i);
-		double x = (double)i / (TABLE_CURVE_NODES - 1), p[3], s = 1.0 - x;
-		struct operator_jet j;
+	double x = (double)i / (TABLE_CURVE_NODES - 1), p[3], s = 1.0 - x;
+	struct operator_jet j;
 
-		boundary_phi(2.0 * x, p);
-		operator_eval(FAMILY_UNION, &t->profile, 1.0, 1.0 - s * s, 0.0, 2,
-		    &j);
-		for (int k = 0; k < 3; k++)
-			phi[k] = (float)p[k];
-		sigma[0] = (float)j.g;
-		sigma[1] = (float)(2.0 * s * j.g2);
-		sigma[2] = (float)(4.0 * s * s * j.g22 - 2.0 * j.g2);
-		phi[3] = sigma[3] = 0.0f;
-	}
+	boundary_phi(2.0 * x, p);
+	operator_eval(FAMILY_UNION, &t->profile, 1.0, 1.0 - s * s, 0.0, 2, &j);
+	for (int k = 0; k < 3; k++)
+		phi[k] = (float)p[k];
+	sigma[0] = (float)j.g;
+	sigma[1] = (float)(2.0 * s * j.g2);
+	sigma[2] = (float)(4.0 * s * s * j.g22 - 2.0 * j.g2);
+	phi[3] = sigma[3] = 0.0f;
+}
+
+/* Node number i. */
+static void fill_node(const struct table *t, size_t i,
+    float first[static TABLE_FIRST], float second[static TABLE_SECOND])
+{
+	size_t n = (size_t)t->resolution;
+	int it = (int)(i / (n * n)), iu = (int)(i / n % n), iv = (int)(i % n);
+
+	if (t->layout == LAYOUT_WARPED)
+		fill_warped(t, it, iu, iv, first, second);
+	else
+		fill_uniform(t, it, iu, iv, first, second);
 }
 
 void table_build(struct table *t, int first, int last)
 {
-	int n = t->resolution;
+	size_t slice = (size_t)t->resolution * (size_t)t->resolution;
 
-	if (first == 0)
-		fill_curves(t);
-	for (int it = first; it < last; it++) {
-		for (int iu = 0; iu < n; iu++) {
-			for (int iv = 0; iv < n; iv++) {
-				size_t i = ((size_t)it * n + iu) * n + iv;
-				float *a = t->first + i * TABLE_FIRST;
-				float *b = t->second + i * TABLE_SECOND;
+	for (int i = 0; first == 0 && i < TABLE_CURVE_NODES; i++)
+		fill_curve(t, i, t->curves + CURVE_NODE * (TABLE_PHI + i),
+		    t->curves + CURVE_NODE * (TABLE_SIGMA + i));
+	for (size_t i = (size_t)first * slice; i < (size_t)last * slice; i++)
+		fill_node(t, i, t->first + i * TABLE_FIRST,
+		    t->second + i * TABLE_SECOND);
+}
 
-				if (t->layout == LAYOUT_WARPED)
-					fill_warped(t, it, iu, iv, a, b);
-				else
-					fill_uniform(t, it, iu, iv, a, b);
-			}
-		}
+/*
+ * Whether none of x is Inf or NaN, whose exponents are all ones: one more in
+ * that place overflows into the sign's. By the piece, which compilers turn into
+ * vectors.
+ */
+static bool are_finite(const float *x, size_t count)
+{
+	enum { PIECE = 64 };
+	uint32_t bits[PIECE], over = 0;
+
+	for (; count >= PIECE; x += PIECE, count -= PIECE) {
+		memcpy(bits, x, sizeof(bits));
+		for (int k = 0; k < PIECE; k++)
+			over |= (bits[k] & 0x7fffffff) + 0x00800000;
 	}
+	memcpy(bits, x, count * sizeof(*x));
+	for (size_t k = 0; k < count; k++)
+		over |= (bits[k] & 0x7fffffff) + 0x00800000;
+	return (over & 0x80000000) == 0;
+}
+
+static bool is_node(const struct table *t, size_t i)
+{
+	float first[TABLE_FIRST], second[TABLE_SECOND];
+
+	fill_node(t, i, first, second);
+	return memcmp(first, t->first + i * TABLE_FIRST, sizeof(first)) == 0 &&
+	    memcmp(second, t->second + i * TABLE_SECOND, sizeof(second)) == 0;
+}
+
+static bool is_curve(const struct table *t, int i)
+{
+	float phi[CURVE_NODE], sigma[CURVE_NODE];
+
+	fill_curve(t, i, phi, sigma);
+	return memcmp(phi, t->curves + CURVE_NODE * (TABLE_PHI + i),
+	    sizeof(phi)) == 0 && memcmp(sigma, t->curves + CURVE_NODE *
+	    (TABLE_SIGMA + i), sizeof(sigma)) == 0;
+}
+
+bool table_verify(const struct table *t, int count)
+{
+	/* By the golden section: as evenly spread as can be, whatever count. */
+	static const double step = 0.61803398874989484820;
+
+	if (!are_finite(t->first, table_bytes(t) / sizeof(float)))
+		return false;
+	for (int i = 0; i < count; i++) {
+		double part = fmod(step * (i + 1), 1.0);
+
+		if (!is_node(t, (size_t)(part * (double)t->node_count)) ||
+		    !is_curve(t, (int)(part * TABLE_CURVE_NODES)))
+			return false;
+	}
+	return true;
 }
 
 /* A cell and the place in it, from a coordinate in [0, 1]. */

@@ -34,6 +34,8 @@ struct table {
 	enum table_layout layout;
 	int resolution;      /* nodes an axis, N */
 	size_t node_count;   /* N^3 */
+	/* One after the other, table_bytes of them: a copy of these bytes into a
+	 * table of the same kind completes it. */
 	float *first;        /* node_count * TABLE_FIRST */
 	float *second;       /* node_count * TABLE_SECOND */
 	float *curves;       /* 2 * TABLE_CURVE_NODES * CURVE_NODE */
@@ -67,6 +69,14 @@ void table_free(struct table *t);
  * the table is complete (the curves come with slice 0).
  */
 void table_build(struct table *t, int first, int last);
+
+/*
+ * Whether t, filled with bytes from elsewhere, may be what table_build gives:
+ * every number is finite, and count of its nodes, spread over all, computed
+ * anew, agree bit for bit. Finds tables of another version, or built with
+ * another mathematical library; a checksum finds damage.
+ */
+bool table_verify(const struct table *t, int count);
 
 /*
  * What a lookup gives at (f1, f2, theta), in float64 arithmetic on the

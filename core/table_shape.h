@@ -30,6 +30,10 @@
 #ifndef CORE_TABLE_SHAPE_H
 #define CORE_TABLE_SHAPE_H
 
+/* Raised whenever a table of the same kind comes out different: what lies on
+ * disk with another number is built anew. */
+#define TABLE_VERSION 1
+
 #define TABLE_FIRST 4   /* floats a node has in the first part */
 #define TABLE_SECOND 8  /* and in the second; two are unused */
 #define TABLE_CURVE_NODES 513

@@ -17,6 +17,7 @@
 #include <string.h>
 
 #include "core/classic.h"
+#include "core/support.h"
 #include "core/tree.h"
 #include "core/volume.h"
 
@@ -60,7 +61,7 @@ struct compiler {
 	size_t measure_count, measure_max;
 	struct slot *slots; /* slot_count of them, a power of two, or none */
 	size_t slot_count;
-	size_t insn_max, param_max, operator_max, volume_max;
+	size_t insn_max, box_max, param_max, operator_max, volume_max;
 	bool framed;         /* the point is that of the last FRAME, */
 	struct affine frame; /* which set this */
 	struct vec3 color;   /* that the last COLOR set */
@@ -68,10 +69,11 @@ struct compiler {
 };
 
 /* Where a node is written to: the base (the world, or the nearest warp's
- * image of it) seen from its parent's frame, the angle-dependent compositions
- * above it, and the colour that it inherits. */
+ * image of it) seen from its parent's frame and the other way round, that warp,
+ * the angle-dependent compositions above it, and the colour that it inherits. */
 struct place {
-	struct affine frame;
+	struct affine frame, outward;
+	const struct support_warp *warp;
 	unsigned extra;
 	struct vec3 color;
 };
@@ -320,6 +322,9 @@ static enum err emit(struct compiler *c, unsigned op, unsigned extra,
 	ret = reserve(&t->insns, &c->insn_max, t->insn_count, 1,
 	    sizeof(*t->insns));
 	if (ret == ERR_OK)
+		ret = reserve(&t->boxes, &c->box_max, t->insn_count, 1,
+		    sizeof(*t->boxes));
+	if (ret == ERR_OK)
 		ret = reserve(&t->params, &c->param_max, t->param_count,
 		    param_count, sizeof(*t->params));
 	if (ret != ERR_OK)
@@ -435,8 +440,13 @@ static enum err emit_primitive(struct compiler *c, const struct node *node,
 		return ret;
 	c->tape->primitive_count++;
 	push_jet(c);
-	return emit(c, primitive_opcode(node->primitive.type), place->extra,
+	ret = emit(c, primitive_opcode(node->primitive.type), place->extra,
 	    params, (size_t)count, index);
+	if (ret == ERR_OK)
+		c->tape->boxes[c->tape->insn_count - 1] =
+		    support_box(&node->primitive, &place->frame,
+		    &place->outward, place->warp);
+	return ret;
 }
 
 static uint64_t hash_numbers(uint64_t hash, const double *numbers,
@@ -676,6 +686,8 @@ static enum err emit_children(struct compiler *c, const struct node *node,
 static enum err emit_warp(struct compiler *c, const struct node *node,
     size_t place, const struct place *at)
 {
+	const struct support_warp warp = {&node->warp, at->frame, at->outward,
+	    at->warp};
 	struct place below = *at;
 	double params[FRAME_PARAMS + WARP_PARAMS_MAX];
 	const size_t count = FRAME_PARAMS + WARP_PARAMS_MAX;
@@ -686,7 +698,8 @@ static enum err emit_warp(struct compiler *c, const struct node *node,
 	ret = emit(c, OP_ENTER, at->extra, params, count, node->warp.type);
 	if (ret != ERR_OK)
 		return ret;
-	below.frame = affine_identity();
+	below.frame = below.outward = affine_identity();
+	below.warp = &warp;
 	c->framed = false;
 	ret = emit_node(c, node->children[0], place + 1, &below);
 	if (ret != ERR_OK)
@@ -707,6 +720,7 @@ static enum err emit_node(struct compiler *c, const struct node *node,
 	if (node->has_transform) {
 		affine_invert(&node->transform, &inverse);
 		at.frame = affine_compose(&inverse, &parent->frame);
+		at.outward = affine_compose(&parent->outward, &node->transform);
 	}
 	if (node->type == NODE_PRIMITIVE)
 		ret = emit_primitive(c, node, &at);
@@ -724,7 +738,8 @@ static enum err emit_node(struct compiler *c, const struct node *node,
 static enum err compile(struct compiler *c, const struct tree *tree)
 {
 	const double gray = TREE_COLOR_DEFAULT;
-	struct place world = {affine_identity(), 0, {gray, gray, gray}};
+	struct place world = {.frame = affine_identity(),
+	    .outward = affine_identity(), .color = {gray, gray, gray}};
 	struct extent e;
 	enum err ret = measure_node(c, tree->root, NULL, &e);
 
@@ -737,7 +752,12 @@ static enum err compile(struct compiler *c, const struct tree *tree)
 	c->frame = world.frame;
 	c->color = world.color;
 	c->tape->node_count = c->measure_count;
-	return emit_node(c, tree->root, 0, &world);
+	ret = emit_node(c, tree->root, 0, &world);
+	if (ret != ERR_OK)
+		return ret;
+	support_compose(c->tape);
+	tape_mark_runs(c->tape->insns, c->tape->insn_count, c->tape->params);
+	return ERR_OK;
 }
 
 enum err tape_compile(const struct tree *tree, size_t max_nodes,
@@ -760,6 +780,24 @@ enum err tape_compile(const struct tree *tree, size_t max_nodes,
 	return ERR_OK;
 }
 
+/* Where the exponent is among OP_POINT's parameters. */
+#define POINT_EXPONENT 4
+
+void tape_mark_runs(struct insn *insns, size_t count, const double *params)
+{
+	for (size_t i = count; i-- > 0;) {
+		if (insns[i].op != OP_POINT)
+			continue;
+		insns[i].index = 0;
+		if (i + 1 == count || insns[i + 1].op != OP_SUM ||
+		    params[insns[i].param + POINT_EXPONENT] != 3.0)
+			continue;
+		insns[i].index = 1;
+		if (i + 2 < count && insns[i + 2].op == OP_POINT)
+			insns[i].index += insns[i + 2].index;
+	}
+}
+
 void tape_free(struct tape *t)
 {
 	if (!t)
@@ -768,6 +806,7 @@ void tape_free(struct tape *t)
 		volume_release(t->volumes[i]);
 	free(t->volumes);
 	free(t->insns);
+	free(t->boxes);
 	free(t->params);
 	free(t->operators);
 	free(t);

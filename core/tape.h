@@ -19,9 +19,20 @@ struct volume;
  * deep): bounds the recursion of compiling. */
 #define TAPE_NESTING_MAX 256
 
+/*
+ * A box in world units outside of which an instruction's jet is 0, in float64
+ * and as a device rounds it: widened by what float32 may err. Coordinates may be
+ * infinite; empty where some min exceeds its max.
+ */
+struct tape_box {
+	float min[3], max[3];
+};
+
 /* Immutable once compiled; may be read by any number of threads. */
 struct tape {
 	struct insn *insns;
+	struct tape_box *boxes;     /* one an instruction; those of FRAME, COLOR
+	                             * and ENTER are not read; NULL: not known */
 	size_t insn_count;
 	double *params;
 	size_t param_count;
@@ -59,6 +70,13 @@ enum err tape_compile(const struct tree *tree, size_t max_nodes,
 
 /* Frees t; NULL does nothing. */
 void tape_free(struct tape *t);
+
+/*
+ * Sets the index of every OP_POINT of exponent 3 that OP_SUM follows: how many
+ * such pairs there are in a row from it on, so that an interpreter may take them
+ * in one loop; of other OP_POINT 0. params: of the tape that insns are of.
+ */
+void tape_mark_runs(struct insn *insns, size_t count, const double *params);
 
 /* The derivative order that instruction i delivers when the root is asked for
  * order root_order (0 value, 1 gradient, 2 Hessian). */

@@ -74,8 +74,19 @@ static inline void compose_chain(struct jetr *a, const struct jetr *b,
  */
 static void compose_ricci(struct jetr *a, struct jetr *b, float n, int order)
 {
-	struct jetr least = *b;
+	mask both = (a->value > REAL(0.0f)) & (b->value > REAL(0.0f));
+	struct jetr least, larger;
 	real most, r, t, q, big, small;
+
+	if (!ANY(b->value > REAL(0.0f)))
+		return;
+	larger = *a;
+	compose_max(&larger, b, order);
+	if (!ANY(both)) {
+		*a = larger;
+		return;
+	}
+	least = *b;
 
 	jetr_limit(a, order);
 	jetr_limit(b, order);
@@ -102,11 +113,12 @@ static void compose_ricci(struct jetr *a, struct jetr *b, float n, int order)
 		a->gradient = vec3r_axpy(small, least.gradient,
 		    vec3r_scale(big, a->gradient));
 	a->value *= q;
+	/* A field of 0 is nothing to add, whatever the powers round to. */
+	compose_pick(a, &larger, both, order);
 }
 
-/* The opening at the angle between two gradients. */
+/* The derivatives of the opening at the angle between two gradients. */
 struct angle {
-	real theta;
 	struct vec3r gradient;
 	struct sym3r hessian;  /* without the operands' third derivatives */
 };
@@ -118,17 +130,20 @@ struct heading {
 	real share, slope;  /* S(norm / eps), and S' / eps */
 };
 
-/* S(s) = 6 s^5 - 15 s^4 + 10 s^3, between 0 and 1. */
-static inline struct heading heading(struct vec3r gradient, float null_gradient)
+/*
+ * S(s) = 6 s^5 - 15 s^4 + 10 s^3, between 0 and 1. steep: 1/null_gradient.
+ */
+static inline struct heading heading(struct vec3r gradient, float steep)
 {
 	struct heading h;
-	real norm = sqrt(vec3r_dot(gradient, gradient));
-	real s = real_min(norm * (1.0f / null_gradient), REAL(1.0f));
+	real square = real_max(vec3r_dot(gradient, gradient), REAL(1e-36f));
+	real s;
 
-	h.inverse = 1.0f / real_max(norm, REAL(1e-18f));
+	h.inverse = lanes_rsqrt(square);
+	s = real_min(square * h.inverse * steep, REAL(1.0f));
 	h.n = vec3r_scale(h.inverse, gradient);
 	h.share = s * s * s * (s * (s * 6.0f - 15.0f) + 10.0f);
-	h.slope = 30.0f * s * s * (1.0f - s) * (1.0f - s) / null_gradient;
+	h.slope = 30.0f * steep * s * s * (1.0f - s) * (1.0f - s);
 	return h;
 }
 
@@ -167,43 +182,51 @@ static struct sym3r compose_bend(const struct jetr *a, const struct jetr *b,
 	return sym3r_axpy(c, sym3r_square(vec3r_sub(p, q)), r);
 }
 
-/*
- * theta goes to its least as either gradient falls under null_gradient. With
- * derivatives if order >= 1, for which the operands' Hessians are read.
- */
-static void compose_angle(__global const float *openings,
+/* The angle between two gradients, and the opening there. */
+struct meeting {
+	struct heading u, v;
+	real c, share, theta;   /* theta: with its share of null gradients */
+	real rise;              /* over the least */
+};
+
+/* theta goes to its least as either gradient falls under null_gradient. */
+static inline void compose_meet(__global const float *openings,
     __global const struct operator_desc *desc, float null_gradient,
-    const struct jetr *a, const struct jetr *b, int order, struct angle *out)
+    struct vec3r first, struct vec3r second, struct meeting *m)
 {
-	struct heading u = heading(a->gradient, null_gradient);
-	struct heading v = heading(b->gradient, null_gradient);
-	real share = u.share * v.share;
-	real c = real_clamp(vec3r_dot(u.n, v.n), REAL(-1.0f), REAL(1.0f));
-	real theta, slope, bend, rise;
+	m->u = heading(first, 1.0f / null_gradient);
+	m->v = heading(second, 1.0f / null_gradient);
+	m->share = m->u.share * m->v.share;
+	m->c = real_clamp(vec3r_dot(m->u.n, m->v.n), REAL(-1.0f), REAL(1.0f));
+	m->rise = opening_theta(openings, desc, m->c) - desc->theta_least;
+	m->theta = desc->theta_least + m->rise * m->share;
+}
 
-	opening_lookup(openings, desc, c, &theta, &slope, &bend);
-	rise = theta - desc->theta_least;
-	out->theta = desc->theta_least + rise * share;
-	if (order < 1)
-		return;
-
+/* theta's derivatives up to order >= 1; the operands' Hessians are read. */
+static void compose_angle(__global const float *openings,
+    __global const struct operator_desc *desc, const struct jetr *a,
+    const struct jetr *b, const struct meeting *m, int order,
+    struct angle *out)
+{
+	const struct heading *u = &m->u, *v = &m->v;
+	real share = m->share, c = m->c, slope, bend;
 	/* grad c = H1 (n2 - c n1) / |grad f1| + H2 (n1 - c n2) / |grad f2| */
-	struct vec3r p = sym3r_apply(a->hessian, vec3r_axpy(-c, u.n, v.n));
-	struct vec3r q = sym3r_apply(b->hessian, vec3r_axpy(-c, v.n, u.n));
+	struct vec3r p = sym3r_apply(a->hessian, vec3r_axpy(-c, u->n, v->n));
+	struct vec3r q = sym3r_apply(b->hessian, vec3r_axpy(-c, v->n, u->n));
+	struct vec3r cosine = vec3r_limit(vec3r_axpy(u->inverse, p,
+	    vec3r_scale(v->inverse, q)), LIMIT_COSINE);
 
-	struct vec3r cosine = vec3r_limit(vec3r_axpy(u.inverse, p,
-	    vec3r_scale(v.inverse, q)), LIMIT_COSINE);
-
+	opening_slope(openings, desc, c, &slope, &bend);
 	if (order >= 2)
-		out->hessian = sym3r_axpy(share * bend, sym3r_square(cosine),
-		    sym3r_scale(share * slope,
-		    compose_bend(a, b, &u, &v, c, cosine)));
+		out->hessian = sym3r_axpy(share * bend,
+		    sym3r_square(cosine), sym3r_scale(share * slope,
+		    compose_bend(a, b, u, v, c, cosine)));
 
 	/* grad |grad f| = H n */
-	p = vec3r_scale(u.slope * v.share, sym3r_apply(a->hessian, u.n));
-	q = vec3r_scale(v.slope * u.share, sym3r_apply(b->hessian, v.n));
+	p = vec3r_scale(u->slope * v->share, sym3r_apply(a->hessian, u->n));
+	q = vec3r_scale(v->slope * u->share, sym3r_apply(b->hessian, v->n));
 	out->gradient = vec3r_limit(vec3r_axpy(share * slope, cosine,
-	    vec3r_scale(rise, vec3r_add(p, q))), LIMIT_COSINE);
+	    vec3r_scale(m->rise, vec3r_add(p, q))), LIMIT_COSINE);
 }
 
 /* Adds what theta brings to the result's derivatives. */
@@ -235,19 +258,76 @@ static inline void compose_zero(struct jetr *a, int order)
 		a->hessian = sym3r_identity(REAL(0.0f));
 }
 
+/* Where the operands do not blend: the near one; intersections end at 0. */
+static inline void compose_apart(__global const struct operator_desc *desc,
+    mask both, struct jetr *a, const struct jetr *b, int order)
+{
+	mask none = !both;
+
+	if (desc->family == DESCRIPTOR_UNION) {
+		/* Of a tape's primitives most are 0 at most points. */
+		if (ANY(b->value > REAL(0.0f)))
+			compose_max(a, b, order);
+		return;
+	}
+	if (ANY(both))
+		compose_min(a, b, order);
+	if (!ANY(none))
+		return;
+	a->value = SELECT(a->value, REAL(0.0f), none);
+	if (order >= 1) {
+		struct vec3r zero = vec3r(REAL(0.0f), REAL(0.0f), REAL(0.0f));
+
+		a->gradient = vec3r_select(a->gradient, zero, none);
+	}
+	if (order >= 2)
+		a->hessian = sym3r_select(a->hessian,
+		    sym3r_identity(REAL(0.0f)), none);
+}
+
+/*
+ * What lanes that blend become, in the first operand's place; the others' are
+ * not to be read. Both are within the limits of jets up to gradients.
+ */
+static inline void compose_blended(TABLE_ARGS, __global const float *openings,
+    __global const struct operator_desc *desc, const struct meeting *meeting,
+    const struct region *region, int order, struct jetr *a, struct jetr *b)
+{
+	int turns = !desc->is_constant && order >= 1;
+	struct vec3r first = a->gradient;
+	struct angle angle;
+	struct opjet o;
+
+	if (turns || order >= 2) {
+		a->hessian = sym3r_limit(a->hessian, LIMIT_HESSIAN);
+		b->hessian = sym3r_limit(b->hessian, LIMIT_HESSIAN);
+	}
+	if (turns)
+		compose_angle(openings, desc, a, b, meeting, order, &angle);
+	operator_lookup(TABLE_PASS, desc, region, order, &o);
+	compose_chain(a, b, &o, order);
+	if (turns)
+		compose_turn(a, first, b->gradient, &o, &angle, order);
+}
+
 /*
  * A gradient-based composition (Gourmel et al. 2013, Eq. 29, all three terms);
  * the Hessian leaves out the third derivatives. The operands carry one order
  * more than `order`, up to 2, unless the opening is constant.
+ *
+ * What a lane needs is found out in steps, each for all lanes if one needs it:
+ * two fields over 0, the opening, whether they blend, all the rest. A lane's
+ * result is that of its own last step, whatever the others need.
  */
 static void compose_blend(TABLE_ARGS, __global const float *openings,
     __global const struct operator_desc *desc, uint op, float null_gradient,
     struct jetr *a, struct jetr *b, int order)
 {
 	int deep = desc->is_constant ? order : min(order + 1, 2);
-	struct vec3r first;
-	struct angle angle;
-	struct opjet o;
+	struct meeting meeting;
+	struct region region;
+	struct jetr u, v;
+	mask both;
 
 	/* Operators are symmetric, so the intersection's order is of no
 	 * account. */
@@ -257,25 +337,27 @@ static void compose_blend(TABLE_ARGS, __global const float *openings,
 		compose_complement(a, deep);
 
 	/* Where either is 0 so is an intersection, and a union is the other. */
-	if (!ANY(a->value > 0.0f && b->value > 0.0f)) {
-		if (desc->family == DESCRIPTOR_UNION)
-			compose_max(a, b, order);
-		else
-			compose_zero(a, order);
+	both = (a->value > REAL(0.0f)) & (b->value > REAL(0.0f));
+	if (!ANY(both)) {
+		compose_apart(desc, both, a, b, order);
 		return;
 	}
-	jetr_limit(a, deep);
-	jetr_limit(b, deep);
-	angle.theta = REAL(desc->theta);
+	u = *a;
+	v = *b;
+	jetr_limit(&u, min(deep, 1));
+	jetr_limit(&v, min(deep, 1));
+	meeting.theta = REAL(desc->theta);
 	if (!desc->is_constant)
-		compose_angle(openings, desc, null_gradient, a, b, order,
-		    &angle);
-	operator_lookup(TABLE_PASS, desc, a->value, b->value, angle.theta,
-	    order, &o);
-	first = a->gradient;
-	compose_chain(a, b, &o, order);
-	if (!desc->is_constant)
-		compose_turn(a, first, b->gradient, &o, &angle, order);
+		compose_meet(openings, desc, null_gradient, u.gradient,
+		    v.gradient, &meeting);
+	operator_region(curves, desc, both, u.value, v.value, meeting.theta,
+	    &region);
+	compose_apart(desc, both, a, b, order);
+	if (!ANY(region.blend))
+		return;
+	compose_blended(TABLE_PASS, openings, desc, &meeting, &region, order,
+	    &u, &v);
+	compose_pick(a, &u, !region.blend, order);
 }
 
 /* An operator without angles (core/classic.h), by the chain rule. */

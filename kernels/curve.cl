@@ -3,38 +3,40 @@
  * at the cosine of the angle between two gradients.
  */
 
-/* Nodes i and i + 1 of every lane's cell: a and b. */
+/*
+ * The first floats of nodes i and i + 1 of every lane's cell: a and b, each of
+ * count <= CURVE_NODE.
+ */
 static inline void curve_cell(__global const float *samples, mask i,
-    real a[3], real b[3])
+    int count, real a[4], real b[4])
 {
 #if WIDTH == 1
 	float8 pair = vload8(0, samples + i * CURVE_NODE);
 
-	a[0] = pair.s0;
-	a[1] = pair.s1;
-	a[2] = pair.s2;
-	b[0] = pair.s4;
-	b[1] = pair.s5;
-	b[2] = pair.s6;
+	vstore4(pair.lo, 0, a);
+	vstore4(pair.hi, 0, b);
+#elif defined(HAS_AVX512)
+	mask at = i * CURVE_NODE;
+
+	a[0] = lanes_gather(samples, at);
+	a[1] = lanes_gather(samples + 1, at);
+	b[0] = lanes_gather(samples + CURVE_NODE, at);
+	b[1] = lanes_gather(samples + CURVE_NODE + 1, at);
+	if (count > 2) {
+		a[2] = lanes_gather(samples + 2, at);
+		b[2] = lanes_gather(samples + CURVE_NODE + 2, at);
+	}
 #else
 	int cell[WIDTH];
-	float node[6][WIDTH];
+	float node[2 * CURVE_NODE][WIDTH];
 
 	STORE(i, 0, cell);
-	for (int l = 0; l < WIDTH; l++) {
-		float8 pair = vload8(0,
-		    samples + cell[l] * CURVE_NODE);
-
-		node[0][l] = pair.s0;
-		node[1][l] = pair.s1;
-		node[2][l] = pair.s2;
-		node[3][l] = pair.s4;
-		node[4][l] = pair.s5;
-		node[5][l] = pair.s6;
-	}
-	for (int k = 0; k < 3; k++) {
+	for (int l = 0; l < WIDTH; l++)
+		for (int k = 0; k < 2 * CURVE_NODE; k++)
+			node[k][l] = samples[cell[l] * CURVE_NODE + k];
+	for (int k = 0; k < count; k++) {
 		a[k] = LOAD(0, node[k]);
-		b[k] = LOAD(0, node[k + 3]);
+		b[k] = LOAD(0, node[k + CURVE_NODE]);
 	}
 #endif
 }
@@ -47,38 +49,65 @@ static inline real curve_hermite(real a, real b, real a1, real b1, real x)
 	return a + x * (rise + s * (s * (a1 - rise) - x * (b1 - rise)));
 }
 
+/* The cell of x in [0, 1], clamped, and where in it. */
+static inline mask curve_place(uint count, real x, real *t)
+{
+	float steps = (float)(count - 1u);
+	real u = real_clamp(x, REAL(0.0f), REAL(1.0f)) * steps;
+	mask i = TO_INT(real_min(u, REAL(steps - 1.0f)));
+
+	*t = u - TO_REAL(i);
+	return i;
+}
+
 /*
  * Value and two derivatives at x in [0, 1], clamped, of a curve of count nodes
  * over an interval of the given length, as core/curve.c has them in float64.
  */
-static void curve_lookup(__global const float *samples, uint count,
+static inline void curve_lookup(__global const float *samples, uint count,
     float length, real x, real out[3])
 {
-	float steps = (float)(count - 1u), step = length / steps;
-	real u = real_clamp(x, REAL(0.0f), REAL(1.0f)) * steps;
-	mask i = TO_INT(real_min(u, REAL(steps - 1.0f)));
-	real t = u - TO_REAL(i), a[3], b[3];
+	float step = length / (float)(count - 1u);
+	real t, a[4], b[4];
+	mask i = curve_place(count, x, &t);
 
-	curve_cell(samples, i, a, b);
+	curve_cell(samples, i, 3, a, b);
 	out[0] = curve_hermite(a[0], b[0], step * a[1], step * b[1], t);
 	out[1] = curve_hermite(a[1], b[1], step * a[2], step * b[2], t);
 	out[2] = a[2] + t * (b[2] - a[2]);
 }
 
-/*
- * theta, slope = d theta / d c and bend = d2 theta / d c2 at c in [-1, 1], the
- * cosine of alpha.
- */
-static void opening_lookup(__global const float *openings,
-    __global const struct operator_desc *desc, real c, real *theta,
-    real *slope, real *bend)
+/* The value alone. */
+static inline real curve_value(__global const float *samples, uint count,
+    float length, real x)
+{
+	float step = length / (float)(count - 1u);
+	real t, a[4], b[4];
+	mask i = curve_place(count, x, &t);
+
+	curve_cell(samples, i, 2, a, b);
+	return curve_hermite(a[0], b[0], step * a[1], step * b[1], t);
+}
+
+/* Of an opening: theta at the cosine c of alpha, in [-1, 1]. */
+static inline real opening_theta(__global const float *openings,
+    __global const struct operator_desc *desc, real c)
+{
+	/* Between nodes on either side of a steep rise the cubic overshoots. */
+	return real_clamp(curve_value(openings + desc->opening,
+	    desc->opening_count, 2.0f, 0.5f * (c + 1.0f)), REAL(0.0f),
+	    REAL(0.785398163f));
+}
+
+/* slope = d theta / d c and bend = d2 theta / d c2. */
+static inline void opening_slope(__global const float *openings,
+    __global const struct operator_desc *desc, real c, real *slope,
+    real *bend)
 {
 	real at[3];
 
 	curve_lookup(openings + desc->opening, desc->opening_count, 2.0f,
 	    0.5f * (c + 1.0f), at);
-	/* Between nodes on either side of a steep rise the cubic overshoots. */
-	*theta = real_clamp(at[0], REAL(0.0f), REAL(0.785398163f));
 	*slope = at[1];
 	*bend = at[2];
 }

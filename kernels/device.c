@@ -7,6 +7,7 @@
 
 #include "core/output.h"
 #include "core/tape.h"
+#include "kernels/device_cache.h"
 #include "kernels/source.h"
 
 #define TABLE_BYTES ((size_t)256 << 20)
@@ -28,11 +29,6 @@
 #define BLOCK_CPU 4
 #define BLOCK_OTHER 1
 
-/* Points that go through the device's own buffers at once: few where larger
- * pieces need no copy, many where each piece is a transfer. */
-#define STAGED_CPU 4096
-#define STAGED_OTHER 65536
-
 static bool is_width(int width)
 {
 	return width == 1 || width == 2 || width == 4 || width == 8 ||
@@ -47,8 +43,21 @@ static bool is_cpu(cl_device_id id)
 	return (type & CL_DEVICE_TYPE_CPU) != 0;
 }
 
+/* Whether kernels and the host may share memory without maps: OpenCL 2's
+ * optional fine-grain buffers. */
+static bool has_shared(cl_device_id id, const char *version)
+{
+	cl_device_svm_capabilities can = 0;
+	int major = 0;
+
+	return sscanf(version, "OpenCL %d", &major) == 1 && major >= 2 &&
+	    clGetDeviceInfo(id, CL_DEVICE_SVM_CAPABILITIES, sizeof(can), &can,
+	    NULL) == CL_SUCCESS && (can & CL_DEVICE_SVM_FINE_GRAIN_BUFFER);
+}
+
 /* What the options leave to us. */
-static enum err choose(struct device *d, const struct device_options *options)
+static enum err choose(struct device *d, const struct device_options *options,
+    enum device_memory memory)
 {
 	bool cpu = is_cpu(d->id);
 
@@ -64,22 +73,10 @@ static enum err choose(struct device *d, const struct device_options *options)
 	    d->info.has_images);
 	d->group = cpu ? GROUP_CPU : GROUP_OTHER;
 	d->block = cpu ? BLOCK_CPU : BLOCK_OTHER;
-	d->item_points = (size_t)(d->block * d->info.width);
-	d->group_points = d->group * d->item_points;
-	d->shares_memory = cpu;
-	d->staged_points = cpu ? STAGED_CPU : STAGED_OTHER;
-	return ERR_OK;
-}
-
-static enum err create_buffer(struct device *d, size_t floats, cl_mem *out)
-{
-	cl_int code;
-
-	*out = clCreateBuffer(d->context, CL_MEM_READ_WRITE |
-	    CL_MEM_ALLOC_HOST_PTR, floats * sizeof(float), NULL, &code);
-	if (!*out)
-		return device_fail(&d->failure, "clCreateBuffer for a batch",
-		    code);
+	d->reads_host = cpu && memory == DEVICE_MEMORY_AUTO;
+	d->has_shared = d->reads_host && has_shared(d->id, d->info.version);
+	d->culling = options->no_culling ? DEVICE_CULLING_NEVER :
+	    DEVICE_CULLING_PAYS;
 	return ERR_OK;
 }
 
@@ -99,16 +96,17 @@ static enum err create_queue(struct device *d)
 /* The kernel of interpreter.cl, with all or without what it may do without. */
 static enum err create_kernel(struct device *d, enum device_kernel which)
 {
-	char options[96];
+	char *options = d->build_options[which];
 	cl_int code;
 	enum err err;
 
-	snprintf(options, sizeof(options), "-cl-std=CL1.2 -DWIDTH=%d "
+	snprintf(options, DEVICE_OPTIONS_MAX, "-cl-std=CL1.2 -DWIDTH=%d "
 	    "-DBLOCK=%d -DWHOLE=%d%s", d->info.width, d->block,
 	    which == DEVICE_WHOLE,
 	    d->info.tables_are_images ? " -DTABLES_IMAGE" : "");
-	err = device_build(d->context, d->id, kernels_source, options,
-	    d->programs + which, &d->failure);
+	err = device_cache_build(d->cache[0] ? d->cache : NULL, d->context,
+	    d->id, kernels_source, options, d->programs + which,
+	    &d->is_cached[which], &d->failure);
 	if (err)
 		return err;
 	d->kernels[which] = clCreateKernel(d->programs[which], "evaluate",
@@ -122,7 +120,11 @@ static enum err create_kernels(struct device *d)
 {
 	enum err err = create_kernel(d, DEVICE_PLAIN);
 
-	return err ? err : create_kernel(d, DEVICE_WHOLE);
+	if (!err)
+		err = create_kernel(d, DEVICE_WHOLE);
+	d->info.is_cached = d->is_cached[DEVICE_PLAIN] &&
+	    d->is_cached[DEVICE_WHOLE];
+	return err;
 }
 
 /*
@@ -155,19 +157,19 @@ static enum err warm_up(struct device *d)
 }
 
 static enum err select_device(struct device *d,
-    const struct device_options *options)
+    const struct device_options *options, enum device_memory memory)
 {
 	enum err err = device_select(options->select, &d->id, &d->info,
 	    &d->failure);
 
-	return err ? err : choose(d, options);
+	return err ? err : choose(d, options, memory);
 }
 
 enum err device_check(const struct device_options *options,
     struct device_failure *failure)
 {
 	struct device d = {0};
-	enum err err = select_device(&d, options);
+	enum err err = select_device(&d, options, DEVICE_MEMORY_AUTO);
 
 	device_failure_fini(failure);
 	*failure = d.failure;
@@ -175,19 +177,16 @@ enum err device_check(const struct device_options *options,
 }
 
 static enum err open_device(struct device *d,
-    const struct device_options *options)
+    const struct device_options *options, enum device_memory memory)
 {
-	enum err err = select_device(d, options);
+	enum err err = select_device(d, options, memory);
 
+	if (options->cache)
+		snprintf(d->cache, sizeof(d->cache), "%s", options->cache);
 	if (!err)
 		err = create_queue(d);
 	if (!err)
 		err = create_kernels(d);
-	if (!err)
-		err = create_buffer(d, d->staged_points * 3, &d->points);
-	if (!err)
-		err = create_buffer(d, d->staged_points * OUTPUT_ROW_MAX,
-		    &d->rows);
 	if (!err)
 		err = device_store_init(d, options->table_bytes ?
 		    options->table_bytes : TABLE_BYTES);
@@ -199,15 +198,23 @@ static enum err open_device(struct device *d,
 	return err;
 }
 
-enum err device_open(const struct device_options *options, struct device **out,
+enum err device_open_as(const struct device_options *options,
+    enum device_memory memory, struct device **out,
     struct device_failure *failure)
 {
+	struct device_options plain = *options;
 	struct device *d = calloc(1, sizeof(*d));
 	enum err err;
 
 	if (!d)
 		return ERR_MEMORY;
-	err = open_device(d, options);
+	err = open_device(d, options, memory);
+	if (err && device_cache_forget(d)) {
+		/* What came out of the cache may be what does not work. */
+		device_close(d);
+		plain.cache = NULL;
+		return device_open_as(&plain, memory, out, failure);
+	}
 	if (err) {
 		device_failure_fini(failure);
 		*failure = d->failure;
@@ -219,16 +226,20 @@ enum err device_open(const struct device_options *options, struct device **out,
 	return ERR_OK;
 }
 
+enum err device_open(const struct device_options *options, struct device **out,
+    struct device_failure *failure)
+{
+	return device_open_as(options, DEVICE_MEMORY_AUTO, out, failure);
+}
+
 void device_close(struct device *d)
 {
 	if (!d)
 		return;
 	device_store_fini(&d->tables);
 	device_volumes_fini(&d->volumes);
-	if (d->rows)
-		clReleaseMemObject(d->rows);
-	if (d->points)
-		clReleaseMemObject(d->points);
+	device_workspace_fini(d, &d->work);
+	device_crew_free(d->crew);
 	for (int i = 0; i < DEVICE_KERNEL_COUNT; i++) {
 		if (d->kernels[i])
 			clReleaseKernel(d->kernels[i]);

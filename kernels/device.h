@@ -33,6 +33,10 @@ struct device_options {
 	enum device_tables tables;
 	size_t table_bytes;        /* most for operator tables; 0: 256 MiB */
 	size_t volume_bytes;       /* most for volumes; 0: 256 MiB */
+	/* Where built kernels are kept from one start to the next: an existing
+	 * folder, or NULL for none. */
+	const char *cache;
+	bool no_culling;           /* every point walks the whole tape */
 };
 
 struct device_info {
@@ -41,6 +45,7 @@ struct device_info {
 	bool has_images;
 	int width;                /* chosen; 0 in device_list */
 	bool tables_are_images;   /* chosen */
+	bool is_cached;           /* all kernels came out of the cache */
 	unsigned compute_units;
 	size_t memory_bytes;
 };
@@ -84,6 +89,13 @@ void device_close(struct device *d);
 
 const struct device_info *device_get_info(const struct device *d);
 
+/*
+ * Writes the kernels that did not come out of the options' cache into it. PoCL 3.1 compiles a general form of each
+ * first, which nobody uses: 16 s for ours. ERR_INVALID: there is no cache;
+ * ERR_DEVICE, ERR_MEMORY, ERR_IO.
+ */
+enum err device_keep_kernels(struct device *d);
+
 /* The text of the last call that failed. */
 const char *device_message(const struct device *d);
 
@@ -113,6 +125,26 @@ enum err device_load_tape(struct device *d, const struct tape *tape,
 
 /* Frees a tape that device_load_tape gave; NULL does nothing. */
 void device_drop_tape(struct device *d, struct device_tape *t);
+
+/* Bytes that t takes on the device and, for culling, on the host. */
+size_t device_tape_bytes(const struct device_tape *t);
+
+/* One of several batches that go through the device together; see
+ * device_evaluate. */
+struct device_part {
+	const float *points;
+	size_t count;
+	float *rows;
+};
+
+/*
+ * As device_evaluate, for several small batches in as few launches as can be:
+ * DEVICE_PARTS_POINTS points together at most (else ERR_INVALID), not
+ * interrupted.
+ */
+#define DEVICE_PARTS_POINTS 65536
+enum err device_evaluate_parts(struct device *d, struct device_tape *t,
+    const struct device_part *parts, size_t part_count, unsigned outputs);
 
 /*
  * Evaluates t at count points (xyz, finite, world units) and writes a row of

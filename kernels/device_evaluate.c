@@ -1,26 +1,57 @@
 /*
- * Batches go through the device in pieces. Where the device is the host's own
- * processor, kernels read and write the caller's arrays, in whole work-groups;
- * what is left, and everything on other devices, goes through two buffers that
- * the device owns, padded with copies of the last point.
+ * Batches go through the device in pieces of whole tiles (core/tile.h), whose
+ * points and rows kernels find by their indices. Large pieces on the host's own
+ * processor lie in the caller's arrays; all others go through the workspace.
  */
 #include "kernels/device_internal.h"
 
 #include <stdint.h>
+#include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
+#include "core/opcode.h"
 #include "core/output.h"
+#include "core/tiles.h"
 
-/* The most points of a piece, and about the most instructions times points, so
- * that a long tape's pieces stay short enough to be given up between. */
-#define PIECE_POINTS 65536u
+/* The most points of a piece whose tiles walk the whole tape, and of one that
+ * is culled: the more points, the smaller the tiles and the fewer the fields in
+ * them. */
+#define PIECE_POINTS ((size_t)65536)
+#define CULLED_POINTS ((size_t)1 << 20)
+
+/* What is assumed of a tape before its pace is known: about the most
+ * instructions times points, and the points of a culled piece. */
 #define PIECE_WORK 16777216u
+#define CULLED_FIRST ((size_t)1 << 18)
 
-/* Part of a batch: count points and the rows to write. */
+/* Seconds that a piece should take, so that batches can be given up, and the
+ * pieces that tell how long points take. */
+#define PIECE_SECONDS 0.03
+#define TELLING_POINTS 4096
+#define TELLING_SECONDS 0.01
+
+/* Points and rows of a piece that are copied into the workspace though the
+ * kernel could read and write the caller's. */
+#define STAGED_POINTS ((size_t)8192)
+
+/* The most bytes of points and rows that are copied to a device at once. */
+#define COPIED_BYTES ((size_t)32 << 20)
+
+/* The most instructions of the tiles' own: 32 MiB, and of one on average. */
+#define TILE_INSNS ((size_t)1 << 21)
+#define TILE_INSNS_MEAN 1024u
+
+/* From so many points on, threads help to prepare the tiles. */
+#define CREW_POINTS 16384
+
+/* Batches, or a part of one, that go together. */
 struct piece {
-	const float *points;
-	float *rows;
-	size_t count;
+	const struct device_part *parts;
+	size_t part_count;
+	size_t count;  /* points of all parts */
+	unsigned outputs;
+	size_t stride; /* floats of a row */
 };
 
 /* A kernel with a tape's arguments set, and which argument is next. */
@@ -29,20 +60,25 @@ struct launch {
 	cl_uint next;
 };
 
+/* Where a piece's points and rows are for the device. */
+struct ground {
+	struct device_area points, rows;
+};
+
 static size_t min_size(size_t a, size_t b)
 {
 	return a < b ? a : b;
 }
 
-/* Points of a piece: whole work-groups. */
-static size_t piece_points(const struct device *d, const struct device_tape *t)
+static double now(void)
 {
-	size_t points = min_size(PIECE_POINTS, PIECE_WORK / t->insn_count);
+	struct timespec t;
 
-	if (points < d->group_points)
-		return d->group_points;
-	return points - points % d->group_points;
+	clock_gettime(CLOCK_MONOTONIC, &t);
+	return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
+
+/* --- arguments -------------------------------------------------------------- */
 
 /* Sets the next argument; *code keeps the first failure. */
 static void set(cl_kernel kernel, cl_uint *index, size_t size,
@@ -61,7 +97,7 @@ static cl_kernel choose(const struct device *d, const struct device_tape *t,
 	    DEVICE_PLAIN : DEVICE_WHOLE];
 }
 
-/* In the order of the kernel `evaluate`, but for its last two. */
+/* In the order of the kernel `evaluate`, but for those of a piece. */
 static enum err set_tape(struct device *d, const struct device_tape *t,
     unsigned outputs, struct launch *out)
 {
@@ -92,16 +128,21 @@ static enum err set_tape(struct device *d, const struct device_tape *t,
 	return ERR_OK;
 }
 
-/* Queues l over count points, whole work-groups, of two buffers. */
+/* Queues l over the tiles prepared. */
 static enum err launch(struct device *d, const struct launch *l,
-    cl_mem points, cl_mem rows, size_t count)
+    const struct ground *g, size_t tile_count)
 {
+	struct device_workspace *w = &d->work;
 	cl_uint next = l->next;
-	size_t items = count / d->item_points;
+	size_t items = tile_count * TILE_POINTS /
+	    (size_t)(d->block * d->info.width);
 	cl_int code = CL_SUCCESS;
 
-	set(l->kernel, &next, sizeof(points), &points, &code);
-	set(l->kernel, &next, sizeof(rows), &rows, &code);
+	device_area_set(l->kernel, &next, &w->tiles, &code);
+	device_area_set(l->kernel, &next, &w->insns, &code);
+	device_area_set(l->kernel, &next, &w->order, &code);
+	device_area_set(l->kernel, &next, &g->points, &code);
+	device_area_set(l->kernel, &next, &g->rows, &code);
 	if (code != CL_SUCCESS)
 		return device_fail(&d->failure, "clSetKernelArg", code);
 	code = clEnqueueNDRangeKernel(d->queue, l->kernel, 1, NULL, &items,
@@ -111,23 +152,125 @@ static enum err launch(struct device *d, const struct launch *l,
 	return ERR_OK;
 }
 
-/*
- * Waits until a buffer's rows are in the host's memory, which mapping makes
- * them; copies them to another place if that is not NULL.
- */
-static enum err await_rows(struct device *d, cl_mem rows, size_t size,
-    float *to)
+/* --- tiles ------------------------------------------------------------------ */
+
+/* Has room for the tiles of so many points, with insns of their own. */
+static enum err reserve(struct device *d, size_t tiles, size_t insns)
+{
+	struct device_workspace *w = &d->work;
+	size_t order_size = w->order.size, tiles_size = w->tiles.size;
+	enum err err = device_area_reserve(d, &w->order,
+	    tiles * TILE_POINTS * sizeof(uint32_t));
+
+	if (!err)
+		err = device_area_reserve(d, &w->tiles,
+		    tiles * sizeof(struct tile));
+	if (!err)
+		err = device_area_reserve(d, &w->insns,
+		    insns * sizeof(struct insn));
+	if (w->order.size != order_size || w->tiles.size != tiles_size)
+		w->plain_points = 0;
+	return err;
+}
+
+/* Copies what tiles there are to a device with memory of its own. */
+static enum err send_tiles(struct device *d, size_t tiles, size_t insns)
+{
+	const struct device_workspace *w = &d->work;
+	enum err err = device_area_send(d, &w->order,
+	    tiles * TILE_POINTS * sizeof(uint32_t));
+
+	if (!err)
+		err = device_area_send(d, &w->tiles,
+		    tiles * sizeof(struct tile));
+	if (!err)
+		err = device_area_send(d, &w->insns,
+		    insns * sizeof(struct insn));
+	return err;
+}
+
+/* Points in the order given, the last one repeated, over the whole tape. */
+static enum err prepare_plain(struct device *d, size_t count)
+{
+	struct device_workspace *w = &d->work;
+	size_t tiles = tiles_count(count), whole = count / TILE_POINTS *
+	    TILE_POINTS;
+	enum err err = reserve(d, tiles, 1);
+	uint32_t *order = w->order.at;
+
+	if (err)
+		return err;
+	if (whole == count && w->plain_points >= count)
+		return ERR_OK;
+	for (size_t i = min_size(w->plain_points, whole);
+	    i < tiles * TILE_POINTS; i++)
+		order[i] = (uint32_t)min_size(i, count - 1);
+	memset(w->tiles.at, 0, tiles * sizeof(struct tile));
+	w->plain_points = whole;
+	return send_tiles(d, tiles, 0);
+}
+
+/* The threads that help with count points, or NULL. */
+static const struct tiles_crew *crew(struct device *d, size_t count)
+{
+	if (count < CREW_POINTS ||
+	    (!d->crew && device_crew_create(&d->crew) != ERR_OK))
+		return NULL;
+	return device_crew_get(d->crew);
+}
+
+static enum err prepare_culled(struct device *d, struct device_tape *t,
+    const float *points, size_t count)
+{
+	size_t tiles = tiles_count(count), room = min_size(TILE_INSNS,
+	    tiles * min_size(TILE_INSNS_MEAN, t->insn_count + 1));
+	struct device_workspace *w = &d->work;
+	enum err err = reserve(d, tiles, room);
+	struct tiles_out out;
+
+	if (err)
+		return err;
+	out = (struct tiles_out){.order = w->order.at, .tiles = w->tiles.at,
+		.insns = w->insns.at, .insns_max = room};
+	w->plain_points = 0;
+	if (tiles_build(t->tiles, points, count, true, crew(d, count), &out))
+		return device_out_of_memory(&d->failure);
+	return send_tiles(d, tiles, out.insn_count);
+}
+
+/* Whether a batch of count points is culled. Colours are not: of an operand that
+ * is 0 they take a little too. */
+static bool is_culled(const struct device *d, const struct device_tape *t,
+    unsigned outputs, size_t count)
+{
+	if (!t->tiles || (outputs & OUTPUT_COLOR) ||
+	    d->culling == DEVICE_CULLING_NEVER)
+		return false;
+	return d->culling == DEVICE_CULLING_ALWAYS ||
+	    tiles_pay(t->tiles, count);
+}
+
+/* Tiles, on the device, of a piece whose points the host reads at points. */
+static enum err prepare(struct device *d, struct device_tape *t,
+    const struct piece *piece, const float *points)
+{
+	return is_culled(d, t, piece->outputs, piece->count) ?
+	    prepare_culled(d, t, points, piece->count) :
+	    prepare_plain(d, piece->count);
+}
+
+/* --- a piece in the caller's memory ----------------------------------------- */
+
+/* Waits until mapping a buffer has put its rows into the host's memory. */
+static enum err await_rows(struct device *d, cl_mem rows, size_t size)
 {
 	cl_int code;
 	void *at = clEnqueueMapBuffer(d->queue, rows, CL_TRUE, CL_MAP_READ, 0,
 	    size, 0, NULL, NULL, &code);
 
-	if (code == CL_SUCCESS) {
-		if (to)
-			memcpy(to, at, size);
+	if (code == CL_SUCCESS)
 		code = clEnqueueUnmapMemObject(d->queue, rows, at, 0, NULL,
 		    NULL);
-	}
 	if (code == CL_SUCCESS)
 		code = clFinish(d->queue);
 	if (code != CL_SUCCESS)
@@ -135,102 +278,217 @@ static enum err await_rows(struct device *d, cl_mem rows, size_t size,
 	return ERR_OK;
 }
 
-/* A piece of whole work-groups in the caller's own memory. */
-static enum err run_shared(struct device *d, const struct launch *l,
-    const struct piece *piece, size_t stride)
+static enum err run_in_place(struct device *d, struct device_tape *t,
+    const struct launch *l, const struct piece *piece)
 {
-	size_t row_size = piece->count * stride * sizeof(float);
-	cl_mem points, rows = NULL;
+	const struct device_part *part = piece->parts;
+	size_t row_size = piece->count * piece->stride * sizeof(float);
+	struct ground g = {0};
 	enum err err = ERR_OK;
 	cl_int code;
 
 	/* The points are only read: CL_MEM_READ_ONLY. */
-	points = clCreateBuffer(d->context, CL_MEM_READ_ONLY |
+	g.points.buffer = clCreateBuffer(d->context, CL_MEM_READ_ONLY |
 	    CL_MEM_USE_HOST_PTR, piece->count * 3 * sizeof(float),
-	    (void *)(uintptr_t)piece->points, &code);
-	if (points)
-		rows = clCreateBuffer(d->context, CL_MEM_WRITE_ONLY |
-		    CL_MEM_USE_HOST_PTR, row_size, piece->rows, &code);
-	if (!rows)
+	    (void *)(uintptr_t)part->points, &code);
+	if (g.points.buffer)
+		g.rows.buffer = clCreateBuffer(d->context, CL_MEM_WRITE_ONLY |
+		    CL_MEM_USE_HOST_PTR, row_size, part->rows, &code);
+	if (!g.rows.buffer)
 		err = device_fail(&d->failure, "clCreateBuffer", code);
 	if (!err)
-		err = launch(d, l, points, rows, piece->count);
+		err = prepare(d, t, piece, part->points);
 	if (!err)
-		err = await_rows(d, rows, row_size, NULL);
-	if (rows)
-		clReleaseMemObject(rows);
-	if (points)
-		clReleaseMemObject(points);
+		err = launch(d, l, &g, tiles_count(piece->count));
+	if (!err)
+		err = await_rows(d, g.rows.buffer, row_size);
+	if (g.rows.buffer)
+		clReleaseMemObject(g.rows.buffer);
+	if (g.points.buffer)
+		clReleaseMemObject(g.points.buffer);
 	return err;
 }
 
-/* Copies the points into the device's buffer, the last one repeated. */
-static enum err write_points(struct device *d, const struct piece *piece,
-    size_t padded)
-{
-	const float *last = piece->points + (piece->count - 1) * 3;
-	cl_int code;
-	float *at = clEnqueueMapBuffer(d->queue, d->points, CL_TRUE,
-	    CL_MAP_WRITE_INVALIDATE_REGION, 0, padded * 3 * sizeof(float), 0,
-	    NULL, NULL, &code);
+/* --- a piece in the workspace ----------------------------------------------- */
 
-	if (code == CL_SUCCESS) {
-		memcpy(at, piece->points, piece->count * 3 * sizeof(float));
-		for (size_t i = piece->count; i < padded; i++)
-			memcpy(at + i * 3, last, 3 * sizeof(float));
-		code = clEnqueueUnmapMemObject(d->queue, d->points, at, 0, NULL,
-		    NULL);
+/* Whether points and rows are written and read where the caller has them. */
+static bool is_direct(const struct device *d, const struct piece *piece)
+{
+	return piece->part_count == 1 && d->work.points.buffer;
+}
+
+/* Has the points on the device; where the host has all of them. */
+static enum err send_points(struct device *d, const struct piece *piece,
+    const float **out)
+{
+	struct device_area area = d->work.points;
+	char *at = area.at;
+
+	if (is_direct(d, piece)) {
+		area.at = (void *)(uintptr_t)piece->parts[0].points;
+	} else {
+		for (size_t i = 0; i < piece->part_count; i++) {
+			const struct device_part *part = piece->parts + i;
+			size_t size = part->count * 3 * sizeof(float);
+
+			if (size > 0)
+				memcpy(at, part->points, size);
+			at += size;
+		}
 	}
-	if (code != CL_SUCCESS)
-		return device_fail(&d->failure, "clEnqueueMapBuffer", code);
-	return ERR_OK;
+	*out = area.at;
+	return device_area_send(d, &area, piece->count * 3 * sizeof(float));
 }
 
-/* A piece of at most d->staged_points, by way of the device's buffers. */
-static enum err run_staged(struct device *d, const struct launch *l,
-    const struct piece *piece, size_t stride)
+/* Waits for the rows, and has them at `at` on the host. */
+static enum err fetch_rows(struct device *d, const struct piece *piece,
+    void *at)
 {
-	size_t group = d->group_points;
-	size_t padded = (piece->count + group - 1) / group * group;
-	enum err err = write_points(d, piece, padded);
+	const struct device_area *area = &d->work.rows;
+	cl_int code = area->buffer ? clEnqueueReadBuffer(d->queue,
+	    area->buffer, CL_TRUE, 0, piece->count * piece->stride *
+	    sizeof(float), at, 0, NULL, NULL) : clFinish(d->queue);
+
+	if (code == CL_SUCCESS)
+		return ERR_OK;
+	return device_fail(&d->failure, area->buffer ? "clEnqueueReadBuffer" :
+	    "clFinish", code);
+}
+
+/* Gives every part its rows. */
+static enum err deliver(struct device *d, const struct piece *piece)
+{
+	const char *at = d->work.rows.at;
+	enum err err;
+
+	if (is_direct(d, piece))
+		return fetch_rows(d, piece, piece->parts[0].rows);
+	err = fetch_rows(d, piece, d->work.rows.at);
+	for (size_t i = 0; !err && i < piece->part_count; i++) {
+		const struct device_part *part = piece->parts + i;
+		size_t size = part->count * piece->stride * sizeof(float);
+
+		if (size > 0)
+			memcpy(part->rows, at, size);
+		at += size;
+	}
+	return err;
+}
+
+static enum err run_staged(struct device *d, struct device_tape *t,
+    const struct launch *l, const struct piece *piece)
+{
+	struct device_workspace *w = &d->work;
+	const float *points = NULL;
+	enum err err = device_area_reserve(d, &w->points,
+	    piece->count * 3 * sizeof(float));
 
 	if (!err)
-		err = launch(d, l, d->points, d->rows, padded);
+		err = device_area_reserve(d, &w->rows,
+		    piece->count * piece->stride * sizeof(float));
 	if (!err)
-		err = await_rows(d, d->rows,
-		    piece->count * stride * sizeof(float), piece->rows);
+		err = send_points(d, piece, &points);
+	if (!err)
+		err = prepare(d, t, piece, points);
+	if (!err)
+		err = launch(d, l, &(struct ground){w->points, w->rows},
+		    tiles_count(piece->count));
+	if (!err)
+		return deliver(d, piece);
+	/* What was queued reads what the caller may free. */
+	clFinish(d->queue);
 	return err;
+}
+
+/* --- batches ---------------------------------------------------------------- */
+
+static enum err run(struct device *d, struct device_tape *t,
+    const struct launch *l, const struct piece *piece)
+{
+	double begin = now(), took;
+	enum err err = d->reads_host && piece->part_count == 1 &&
+	    piece->count > STAGED_POINTS ? run_in_place(d, t, l, piece) :
+	    run_staged(d, t, l, piece);
+
+	took = now() - begin;
+	if (!err && (piece->count >= TELLING_POINTS || took > TELLING_SECONDS))
+		t->pace = took / (double)piece->count;
+	return err;
+}
+
+/* Points of the next piece of a batch: whole tiles, or all that are left. */
+static size_t piece_points(const struct device *d, const struct device_tape *t,
+    unsigned outputs, size_t left)
+{
+	bool culled = is_culled(d, t, outputs, left);
+	size_t stride = (size_t)output_row_floats(outputs);
+	size_t most = culled ? CULLED_POINTS : PIECE_POINTS, pieces;
+	size_t first = culled ? CULLED_FIRST : PIECE_WORK / t->insn_count;
+
+	if (!d->reads_host)
+		most = min_size(most, COPIED_BYTES / ((3 + stride) *
+		    sizeof(float)));
+	if (t->pace <= 0.0)
+		most = min_size(most, first);
+	else if (t->pace * (double)most > PIECE_SECONDS)
+		most = (size_t)(PIECE_SECONDS / t->pace);
+	most = most < TILE_POINTS ? TILE_POINTS : most - most % TILE_POINTS;
+	/* Pieces of about the same size. */
+	pieces = (left + most - 1) / most;
+	return min_size(left, tiles_count((left + pieces - 1) / pieces) *
+	    TILE_POINTS);
+}
+
+static enum err check(struct device *d, unsigned outputs)
+{
+	if (outputs == 0 || outputs > OUTPUT_ALL)
+		return device_refuse(&d->failure, ERR_INVALID,
+		    "there are no outputs %#x", outputs);
+	return ERR_OK;
 }
 
 enum err device_evaluate(struct device *d, struct device_tape *t,
     const float *points, size_t count, unsigned outputs, float *rows,
     bool (*go_on)(void *ctx), void *ctx)
 {
-	size_t stride = (size_t)output_row_floats(outputs);
-	size_t most = piece_points(d, t), whole;
+	size_t stride = (size_t)output_row_floats(outputs), n;
+	enum err err = check(d, outputs);
 	struct launch l;
-	enum err err;
 
-	if (outputs == 0 || outputs > OUTPUT_ALL)
-		return device_refuse(&d->failure, ERR_INVALID,
-		    "there are no outputs %#x", outputs);
-	err = set_tape(d, t, outputs, &l);
-	for (size_t done = 0; !err && done < count;) {
-		struct piece piece = {points + done * 3, rows + done * stride,
-			min_size(most, count - done)};
+	if (!err)
+		err = set_tape(d, t, outputs, &l);
+	for (size_t done = 0; !err && done < count; done += n) {
+		struct device_part part = {points + done * 3, 0,
+			rows + done * stride};
 
 		if (go_on && !go_on(ctx))
 			return device_refuse(&d->failure, ERR_CANCELLED,
 			    "given up after %zu of %zu points", done, count);
-		whole = piece.count - piece.count % d->group_points;
-		if (d->shares_memory && piece.count > d->staged_points) {
-			piece.count = whole;
-			err = run_shared(d, &l, &piece, stride);
-		} else {
-			piece.count = min_size(piece.count, d->staged_points);
-			err = run_staged(d, &l, &piece, stride);
-		}
-		done += piece.count;
+		n = piece_points(d, t, outputs, count - done);
+		part.count = n;
+		err = run(d, t, &l,
+		    &(struct piece){&part, 1, n, outputs, stride});
 	}
 	return err;
+}
+
+enum err device_evaluate_parts(struct device *d, struct device_tape *t,
+    const struct device_part *parts, size_t part_count, unsigned outputs)
+{
+	struct piece piece = {parts, part_count, 0, outputs,
+		(size_t)output_row_floats(outputs)};
+	enum err err = check(d, outputs);
+	struct launch l;
+
+	for (size_t i = 0; !err && i < part_count; i++) {
+		if (parts[i].count > DEVICE_PARTS_POINTS - piece.count)
+			return device_refuse(&d->failure, ERR_INVALID,
+			    "parts have more than %d points together",
+			    DEVICE_PARTS_POINTS);
+		piece.count += parts[i].count;
+	}
+	if (err || piece.count == 0)
+		return err;
+	err = set_tape(d, t, outputs, &l);
+	return err ? err : run(d, t, &l, &piece);
 }

@@ -7,12 +7,19 @@
 
 #include <stdint.h>
 
+/* Shared virtual memory is OpenCL 2's; all else is within 1.2. */
+#undef CL_TARGET_OPENCL_VERSION
+#define CL_TARGET_OPENCL_VERSION 200
+#define CL_USE_DEPRECATED_OPENCL_1_2_APIS
 #include <CL/cl.h>
 
 #include "core/descriptor.h"
 #include "core/profile.h"
 #include "kernels/device.h"
 
+struct device_crew;
+struct tiles;
+struct tiles_crew;
 struct volume;
 
 /* A stretch of an arena, in floats. */
@@ -68,11 +75,40 @@ struct device_volumes {
 	size_t count, capacity;
 };
 
+/* The most characters of a program's build options. */
+#define DEVICE_OPTIONS_MAX 96
+
 /* What kernels/interpreter.cl is built as. */
 enum device_kernel {
 	DEVICE_PLAIN, /* the faster: without what its WHOLE names */
 	DEVICE_WHOLE,
 	DEVICE_KERNEL_COUNT
+};
+
+/*
+ * Memory that the host writes or reads and kernels read or write: in one place
+ * (shared virtual memory), or in two, with copies between them.
+ */
+struct device_area {
+	void *at;      /* the host's */
+	cl_mem buffer; /* the device's; NULL: `at` is that too */
+	size_t size;
+};
+
+/* What a piece of a batch needs besides its points and rows. */
+struct device_workspace {
+	struct device_area order, tiles, insns; /* struct tiles_out's */
+	struct device_area points, rows; /* of pieces that lie elsewhere, or
+	                                  * anywhere but in the host's memory */
+	size_t plain_points; /* order and tiles are on the device, for so many
+	                      * points in the order given, whole tapes */
+};
+
+/* Which batches are culled. */
+enum device_culling {
+	DEVICE_CULLING_PAYS, /* those for which it may pay (tiles_pay) */
+	DEVICE_CULLING_ALWAYS,
+	DEVICE_CULLING_NEVER
 };
 
 struct device {
@@ -83,13 +119,16 @@ struct device {
 	cl_command_queue queue;
 	cl_program programs[DEVICE_KERNEL_COUNT];
 	cl_kernel kernels[DEVICE_KERNEL_COUNT];
+	char build_options[DEVICE_KERNEL_COUNT][DEVICE_OPTIONS_MAX];
+	bool is_cached[DEVICE_KERNEL_COUNT]; /* came out of the cache */
+	char cache[1024];      /* a folder; "": none */
 	size_t group;          /* work-items of a work-group */
 	int block;             /* vectors of points of a work-item */
-	size_t item_points;    /* points of a work-item, of a work-group */
-	size_t group_points;
-	bool shares_memory;    /* kernels read and write the host's arrays */
-	size_t staged_points;  /* what the two buffers below hold */
-	cl_mem points, rows;
+	bool has_shared;       /* areas are shared virtual memory */
+	bool reads_host;       /* kernels read and write the host's arrays */
+	enum device_culling culling; /* tests change it */
+	struct device_workspace work;
+	struct device_crew *crew; /* NULL until used */
 	struct device_store tables;
 	struct device_volumes volumes;
 };
@@ -101,6 +140,9 @@ struct device_tape {
 	size_t volume_count;
 	uint32_t insn_count;
 	bool is_plain; /* of instructions that DEVICE_PLAIN knows */
+	struct tiles *tiles;      /* NULL: every tile walks the whole */
+	size_t bytes;             /* of the buffers */
+	double pace;   /* seconds a point of the last piece took, 0: none yet */
 };
 
 /* device_failure.c */
@@ -137,6 +179,48 @@ enum err device_select(const char *select, cl_device_id *id,
  */
 enum err device_build(cl_context context, cl_device_id id, const char *source,
     const char *options, cl_program *out, struct device_failure *failure);
+
+/* device.c */
+
+/* How device_open_as may depart from what suits the device best. */
+enum device_memory {
+	DEVICE_MEMORY_AUTO,
+	DEVICE_MEMORY_COPIED /* buffers, written and read, as on a GPU */
+};
+
+/* device_open, told how memory is to be shared: for tests. */
+enum err device_open_as(const struct device_options *options,
+    enum device_memory memory, struct device **out,
+    struct device_failure *failure);
+
+/* device_workspace.c */
+
+/* Has room for size bytes in area, of a batch's; what was in it is lost. */
+enum err device_area_reserve(struct device *d, struct device_area *area,
+    size_t size);
+void device_area_fini(struct device *d, struct device_area *area);
+
+/* Copies the first size bytes to the device, if that is elsewhere. Queued: they
+ * must stay as they are until the queue is finished. */
+enum err device_area_send(struct device *d, const struct device_area *area,
+    size_t size);
+
+/* Has area be the next argument; *code keeps the first failure. */
+void device_area_set(cl_kernel kernel, cl_uint *index,
+    const struct device_area *area, cl_int *code);
+
+void device_workspace_fini(struct device *d, struct device_workspace *w);
+
+/* Bytes of all of it, on the host or the device. */
+size_t device_workspace_bytes(const struct device_workspace *w);
+
+/* device_crew.c */
+
+/* Threads that work for the calling one. *out is the caller's; with as few
+ * as none if there can be no more. ERR_MEMORY. */
+enum err device_crew_create(struct device_crew **out);
+void device_crew_free(struct device_crew *crew);
+const struct tiles_crew *device_crew_get(const struct device_crew *crew);
 
 /* device_store.c */
 

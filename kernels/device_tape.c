@@ -9,6 +9,7 @@
 #include "core/curve.h"
 #include "core/opening_table.h"
 #include "core/tape.h"
+#include "core/tiles.h"
 #include "core/volume.h"
 #include "core/warp.h"
 
@@ -55,6 +56,8 @@ static const char *insn_fault(const struct tape *tape, const struct insn *insn)
 {
 	if (insn->op >= OP_COUNT)
 		return "has an unknown opcode";
+	if (insn->op == OP_ZERO)
+		return "is left by pruning only";
 	if (insn->extra > 2)
 		return "asks for too high an order";
 	/* The interpreter reads one even where the opcode has none. */
@@ -119,16 +122,46 @@ static const char *walk_warps(struct walk *w, const struct insn *insn)
 }
 
 /*
+ * Whether the run that instruction i says it begins is one. *known: instructions
+ * before it are in a run that was found to be one.
+ */
+static const char *run_fault(const struct tape *tape, size_t i, size_t *known)
+{
+	size_t pairs = tape->insns[i].index, k = i < *known ? (*known - i) / 2 : 0;
+
+	if (tape->insns[i].op != OP_POINT || pairs == 0)
+		return NULL;
+	if (pairs > (tape->insn_count - i) / 2)
+		return "begins a run beyond the last";
+	for (; k < pairs; k++) {
+		const struct insn *insn = tape->insns + i + 2 * k;
+
+		if (insn->op != OP_POINT || insn[1].op != OP_SUM ||
+		    insn->extra != tape->insns[i].extra ||
+		    insn->param >= tape->param_count ||
+		    tape->param_count - insn->param < 6 ||
+		    (float)tape->params[insn->param + 4] != 3.0f)
+			return "begins a run of other things than points";
+	}
+	if (i + 2 * pairs > *known)
+		*known = i + 2 * pairs;
+	return NULL;
+}
+
+/*
  * A kernel checks nothing, and one access out of bounds would kill the
  * process: so every tape is checked, though tape_compile makes only good ones.
  */
 static enum err check(struct device *d, const struct tape *tape)
 {
 	struct walk w = {.depth = 0};
+	size_t known = 0;
 
 	for (size_t i = 0; i < tape->insn_count; i++) {
 		const char *fault = insn_fault(tape, tape->insns + i);
 
+		if (!fault)
+			fault = run_fault(tape, i, &known);
 		if (!fault)
 			fault = walk_jets(&w, tape, tape->insns + i);
 		if (!fault)
@@ -190,9 +223,10 @@ static enum err check_slots(struct device *d, const struct tape *tape,
 	return ERR_OK;
 }
 
-/* A buffer with a copy of size bytes, of at least 16. */
-static enum err create(struct device *d, const void *from, size_t size,
-    cl_mem *out)
+/* A buffer with a copy of size bytes, of at least 16, which t is said to
+ * take. */
+static enum err create(struct device *d, struct device_tape *t,
+    const void *from, size_t size, cl_mem *out)
 {
 	static const char nothing[16];
 	cl_int code;
@@ -207,12 +241,13 @@ static enum err create(struct device *d, const void *from, size_t size,
 	if (!*out)
 		return device_fail(&d->failure, "clCreateBuffer for a tape",
 		    code);
+	t->bytes += size;
 	return ERR_OK;
 }
 
 /* The parameters in float32; beyond its range, at its end. */
 static enum err create_params(struct device *d, const struct tape *tape,
-    cl_mem *out)
+    struct device_tape *t)
 {
 	size_t size = tape->param_count * sizeof(float);
 	float *params = malloc(size ? size : 1);
@@ -226,7 +261,7 @@ static enum err create_params(struct device *d, const struct tape *tape,
 		params[i] = (float)(p > FLT_MAX ? FLT_MAX :
 		    p > -FLT_MAX ? p : -FLT_MAX);
 	}
-	err = create(d, params, size, out);
+	err = create(d, t, params, size, &t->params);
 	free(params);
 	return err;
 }
@@ -290,9 +325,10 @@ static enum err create_operators(struct device *d, const struct tape *tape,
 	for (size_t i = 0; i < count; i++)
 		descs[i] = d->tables.slots[slots[i]].desc;
 	used = sample_openings(tape, sorted, descs, floats);
-	err = create(d, descs, count * sizeof(*descs), &t->descs);
+	err = create(d, t, descs, count * sizeof(*descs), &t->descs);
 	if (!err)
-		err = create(d, floats, used * sizeof(*floats), &t->openings);
+		err = create(d, t, floats, used * sizeof(*floats),
+		    &t->openings);
 out:
 	free(sorted);
 	free(floats);
@@ -318,7 +354,8 @@ static enum err create_volumes(struct device *d, const struct tape *tape,
 			    tape->volumes[i]->serial;
 	}
 	if (!err)
-		err = create(d, firsts, count * sizeof(*firsts), &t->volumes);
+		err = create(d, t, firsts, count * sizeof(*firsts),
+		    &t->volumes);
 	free(firsts);
 	return err;
 }
@@ -339,14 +376,17 @@ enum err device_load_tape(struct device *d, const struct tape *tape,
 		return device_out_of_memory(&d->failure);
 	t->insn_count = (uint32_t)tape->insn_count;
 	t->is_plain = all_plain(tape);
-	err = create(d, tape->insns, tape->insn_count * sizeof(*tape->insns),
-	    &t->insns);
+	err = create(d, t, tape->insns,
+	    tape->insn_count * sizeof(*tape->insns), &t->insns);
 	if (!err)
-		err = create_params(d, tape, &t->params);
+		err = create_params(d, tape, t);
 	if (!err)
 		err = create_operators(d, tape, slots, t);
 	if (!err)
 		err = create_volumes(d, tape, t);
+	if (!err && d->culling != DEVICE_CULLING_NEVER && tape->boxes &&
+	    tiles_create(tape, &t->tiles) != ERR_OK)
+		err = device_out_of_memory(&d->failure);
 	if (err) {
 		device_drop_tape(d, t);
 		return err;
@@ -368,10 +408,16 @@ void device_drop_tape(struct device *d, struct device_tape *t)
 	for (size_t i = 0; i < t->volume_count; i++)
 		device_volume_release(d, t->volume_serials[i]);
 	free(t->volume_serials);
+	tiles_free(t->tiles);
 	release(t->volumes);
 	release(t->insns);
 	release(t->params);
 	release(t->descs);
 	release(t->openings);
 	free(t);
+}
+
+size_t device_tape_bytes(const struct device_tape *t)
+{
+	return sizeof(*t) + t->bytes + (t->tiles ? tiles_bytes(t->tiles) : 0);
 }

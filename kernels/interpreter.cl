@@ -136,18 +136,37 @@ static void compose_plain(uint op, float n, struct jetr *a, struct jetr *b,
 	}
 }
 
-/* WIDTH points, stored one after the other. */
-static inline struct vec3r load_points(__global const float *points)
+/* WIDTH points of indices `order`. */
+static inline struct vec3r load_points(__global const float *points,
+    __global const uint *order)
 {
 #if WIDTH == 1
-	return vec3r_load(points);
+	return vec3r_load(points + 3 * (size_t)order[0]);
 #else
 	float x[WIDTH], y[WIDTH], z[WIDTH];
 
+#if WIDTH == 16
+	/* One after the other, as mostly: three loads, and two shuffles each. */
+	const int16 places = (int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12,
+	    13, 14, 15);
+	__global const float *first = points + 3 * (size_t)order[0];
+
+	if (ALL(convert_int16(vload16(0, order) - order[0]) == places)) {
+		float16 a = vload16(0, first), b = vload16(1, first);
+		float16 c = vload16(2, first);
+
+		return vec3r((float16)(a.s0369, a.scf, b.s258b, b.se, c.s147a,
+		    c.sd), (float16)(a.s147a, a.sd, b.s0369, b.scf, c.s258b,
+		    c.se), (float16)(a.s258b, a.se, b.s147a, b.sd, c.s0369,
+		    c.scf));
+	}
+#endif
 	for (int l = 0; l < WIDTH; l++) {
-		x[l] = points[3 * l];
-		y[l] = points[3 * l + 1];
-		z[l] = points[3 * l + 2];
+		__global const float *p = points + 3 * (size_t)order[l];
+
+		x[l] = p[0];
+		y[l] = p[1];
+		z[l] = p[2];
 	}
 	return vec3r(LOAD(0, x), LOAD(0, y), LOAD(0, z));
 #endif
@@ -164,21 +183,63 @@ static inline real finite(real x)
 	return real_clamp(x, REAL(-FLT_MAX), REAL(FLT_MAX)) + 0.0f;
 }
 
-/* Writes the columns of WIDTH rows. */
+/* Writes the columns of WIDTH rows to their places. */
 static inline void store_columns(const real *column, int count,
-    __global float *row)
+    __global const uint *order, __global float *rows)
 {
 #if WIDTH == 1
 	for (int k = 0; k < count; k++)
-		row[k] = finite(column[k]);
+		rows[(size_t)order[0] * count + k] = finite(column[k]);
 #else
 	float lane[OUTPUT_ROW_MAX][WIDTH];
 
 	for (int k = 0; k < count; k++)
 		STORE(finite(column[k]), 0, lane[k]);
-	for (int l = 0; l < WIDTH; l++)
+	for (int l = 0; l < WIDTH; l++) {
+		__global float *row = rows + (size_t)order[l] * count;
+
 		for (int k = 0; k < count; k++)
-			*row++ = lane[k][l];
+			row[k] = lane[k][l];
+	}
+#endif
+}
+
+#if WIDTH == 16
+/* The first two, the last two of every four lanes of a and of b in turn. */
+#define ZIP_FIRST(a, b) ((float16)(a.s0, b.s0, a.s1, b.s1, a.s4, b.s4, a.s5, \
+	b.s5, a.s8, b.s8, a.s9, b.s9, a.sc, b.sc, a.sd, b.sd))
+#define ZIP_LAST(a, b) ((float16)(a.s2, b.s2, a.s3, b.s3, a.s6, b.s6, a.s7, \
+	b.s7, a.sa, b.sa, a.sb, b.sb, a.se, b.se, a.sf, b.sf))
+
+/* Rows `first` + 0, 4, 8 and 12 of WIDTH. */
+static inline void store_quarter(float16 four, __global const uint *order,
+    __global float *rows)
+{
+	vstore4(four.s0123, order[0], rows);
+	vstore4(four.s4567, order[4], rows);
+	vstore4(four.s89ab, order[8], rows);
+	vstore4(four.scdef, order[12], rows);
+}
+#endif
+
+/* The commonest rows, value and gradient. */
+static inline void store_gradient_rows(const struct jetr *f,
+    __global const uint *order, __global float *rows)
+{
+	real v = finite(f->value), x = finite(f->gradient.x);
+	real y = finite(f->gradient.y), z = finite(f->gradient.z);
+#if WIDTH == 16
+	float16 a = ZIP_FIRST(v, y), b = ZIP_FIRST(x, z);
+	float16 c = ZIP_LAST(v, y), d = ZIP_LAST(x, z);
+
+	store_quarter(ZIP_FIRST(a, b), order, rows);
+	store_quarter(ZIP_LAST(a, b), order + 1, rows);
+	store_quarter(ZIP_FIRST(c, d), order + 2, rows);
+	store_quarter(ZIP_LAST(c, d), order + 3, rows);
+#else
+	const real column[4] = {v, x, y, z};
+
+	store_columns(column, 4, order, rows);
 #endif
 }
 
@@ -218,16 +279,13 @@ static int put_surface(struct jetr f, uint outputs, real *column)
 
 /* color is read if it is asked for; rounding may have left it over 1. */
 static inline void store_rows(const struct jetr *f, const struct vec3r *color,
-    uint outputs, __global float *row)
+    uint outputs, __global const uint *order, __global float *rows)
 {
 	real column[OUTPUT_ROW_MAX];
 	int count = 0;
 
 	if (outputs == (OUTPUT_VALUE | OUTPUT_GRADIENT)) {
-		/* The commonest, so that the counts are constants. */
-		column[0] = f->value;
-		put_vector(f->gradient, column + 1);
-		store_columns(column, 4, row);
+		store_gradient_rows(f, order, rows);
 		return;
 	}
 	if (outputs & OUTPUT_VALUE)
@@ -240,128 +298,227 @@ static inline void store_rows(const struct jetr *f, const struct vec3r *color,
 		count += put_vector(vec3r_limit(*color, 1.0f), column + count);
 	if (outputs & (OUTPUT_NORMAL | OUTPUT_CURVATURE))
 		count += put_surface(*f, outputs, column + count);
-	store_columns(column, count, row);
+	store_columns(column, count, order, rows);
 }
 
 /*
- * Whether instruction i < last pushes a point of exponent 3 that the next one
- * adds, up to gradients.
+ * A point of exponent 3: f = w b^3, b = 1 - d^2/R^2. What b = 0 multiplies is
+ * finite in this order of evaluation, however far the point.
  */
-static inline int adds_point(__global const struct insn *insns, uint i,
-    uint last, __global const float *params, int order)
+static inline struct jetr cubic(__global const float *p, struct vec3r x,
+    int order)
 {
-	return i < last && insns[i].op == OP_POINT && order < 2 &&
-	    insns[i + 1].op == OP_SUM && params[insns[i].param + 4] == 3.0f;
-}
-
-/* Both instructions in one, without a stop in memory. */
-static inline void add_point(__global const float *p, struct vec3r x,
-    int order, struct jetr *sum)
-{
+	struct vec3r e = vec3r_sub(x, vec3r_load(p));
+	float inv_r2 = p[3], steep = -6.0f * inv_r2;
+	real b = real_max(1.0f - vec3r_dot(e, e) * inv_r2, REAL(0.0f));
+	real wb = p[5] * b, wbb = wb * b;
 	struct jetr f;
 
-	point_cubic(p, x, order, &f);
+	f.value = wbb * b;
+	if (order >= 1)
+		f.gradient = vec3r_scale(steep * wbb, e);
+	if (order >= 2) {
+		/* H = -6 w b^2/R^2 I + 24 w b/R^4 e e^T */
+		e = vec3r_scale(REAL(sqrt(inv_r2)), e);
+		f.hessian = sym3r_axpy(24.0f * inv_r2 * wb, sym3r_square(e),
+		    sym3r_identity(steep * wbb));
+	}
+	return f;
+}
+
+/* Added in a statement of its own, so that nothing is contracted into it: the
+ * same bits come of a point that is pushed and then added. */
+static inline void cubic_add(__global const float *p, struct vec3r x,
+    int order, struct jetr *sum)
+{
+	struct jetr f = cubic(p, x, order);
+
 	compose_sum(sum, &f, order);
+}
+
+/* Vectors of points whose sums are kept in registers together. */
+#if BLOCK % 2 == 0
+#define RUN 2
+#else
+#define RUN 1
+#endif
+
+/*
+ * Adds the points of `pairs` OP_POINT and OP_SUM in a row to BLOCK sums. order
+ * is a constant where this is inlined.
+ */
+static inline void add_run(__global const struct insn *insns, uint pairs,
+    __global const float *params, const struct vec3r *x, int order,
+    struct jetr *sums)
+{
+	for (int b = 0; b < BLOCK; b += RUN) {
+		struct vec3r x0 = x[b], x1 = x[b + RUN - 1];
+		struct jetr s0 = sums[b], s1 = sums[b + RUN - 1];
+
+		for (uint k = 0; k < pairs; k++) {
+			__global const float *p = params + insns[2 * k].param;
+
+			cubic_add(p, x0, order, &s0);
+			if (RUN > 1)
+				cubic_add(p, x1, order, &s1);
+		}
+		if (RUN > 1)
+			sums[b + RUN - 1] = s1;
+		sums[b] = s0;
+	}
+}
+
+static void add_points(__global const struct insn *insns, uint pairs,
+    __global const float *params, const struct vec3r *x, int order,
+    struct jetr *sums)
+{
+	if (order == 0)
+		add_run(insns, pairs, params, x, 0, sums);
+	else if (order == 1)
+		add_run(insns, pairs, params, x, 1, sums);
+	else
+		add_run(insns, pairs, params, x, 2, sums);
+}
+
+static void cubic_push(__global const float *p, const struct vec3r *x,
+    int order, struct jetr *out)
+{
+	for (int b = 0; b < BLOCK; b++)
+		out[b] = cubic(p, x[b], order);
+}
+
+/* Mixes the colours that add_points' sums will have into theirs. */
+static void color_points(__global const struct insn *insns, uint pairs,
+    __global const float *params, const struct vec3r *x, struct vec3r color,
+    const struct jetr *sums, struct vec3r *colors)
+{
+	for (int b = 0; b < BLOCK; b++) {
+		struct jetr sum = sums[b];
+
+		for (uint k = 0; k < pairs; k++) {
+			__global const float *p = params + insns[2 * k].param;
+			struct jetr f = cubic(p, x[b], 0);
+
+			compose_colors(OP_SUM, p, &sum, &f, &colors[b],
+			    &color);
+			compose_sum(&sum, &f, 0);
+		}
+	}
 }
 
 /*
  * Every work-item evaluates BLOCK times WIDTH points, so that the instructions'
- * decoding is shared and independent arithmetic overlaps. The host pads points
- * and rows to whole work-groups, and has checked the tape: nothing here does.
- * Colours are mixed where they are asked for only.
+ * decoding is shared and independent arithmetic overlaps: TILE_POINTS places of
+ * `order` are a tile, which a work-item or a work-group has to itself, and walk
+ * the tile's own instructions or the whole tape. The host pads order to whole
+ * work-groups by repeating an index, and has checked the tape: nothing here
+ * does. Colours are mixed where they are asked for only.
  */
 __kernel void evaluate(TABLE_ARGS, __global const float *openings,
     __global const struct operator_desc *descs,
     __global const struct insn *insns, uint insn_count,
     __global const float *params, __global const float *volumes,
     __global const uint *volume_firsts, uint outputs,
+    __global const struct tile *tiles,
+    __global const struct insn *tile_insns, __global const uint *order,
     __global const float *points, __global float *rows)
 {
 	size_t first = get_global_id(0) * (BLOCK * WIDTH);
-	uint stride = (uint)output_row_floats(outputs);
+	struct tile tile = tiles[first / TILE_POINTS];
 	int root_order = output_order(outputs);
 	int colored = WHOLE && (outputs & OUTPUT_COLOR) != 0;
-	struct vec3r bases[BLOCK][TAPE_WARPS_MAX + 1], x[BLOCK];
-	struct jetr stack[BLOCK][TAPE_STACK_MAX];
-	struct vec3r colors[BLOCK][TAPE_STACK_MAX];
+	struct vec3r bases[TAPE_WARPS_MAX + 1][BLOCK], x[BLOCK];
+	struct jetr stack[TAPE_STACK_MAX][BLOCK];
+	struct vec3r colors[TAPE_STACK_MAX][BLOCK];
 	struct vec3r color = vec3r(REAL(COLOR_DEFAULT), REAL(COLOR_DEFAULT),
 	    REAL(COLOR_DEFAULT));
 	uint top = 0, base = 0;
 
+	order += first;
+	if (tile.count > 0) {
+		insns = tile_insns + tile.first;
+		insn_count = tile.count;
+	}
 	for (int b = 0; b < BLOCK; b++) {
-		bases[b][0] = draw_in(load_points(points +
-		    (first + b * WIDTH) * 3));
-		x[b] = bases[b][0];
+		x[b] = draw_in(load_points(points, order + b * WIDTH));
+		bases[0][b] = x[b];
 	}
 	for (uint i = 0; i < insn_count; i++) {
 		struct insn insn = insns[i];
 		__global const float *p = params + insn.param;
-		int order = min(root_order + (int)insn.extra, 2);
+		int deep = min(root_order + (int)insn.extra, 2);
 
 		for (int b = 0; b < BLOCK && colored && insn.op >= OP_MAX; b++)
-			compose_colors(insn.op, p, &stack[b][top - 2],
-			    &stack[b][top - 1], &colors[b][top - 2],
-			    &colors[b][top - 1]);
-		if (!colored &&
-		    adds_point(insns, i, insn_count - 1, params, order)) {
-			for (int b = 0; b < BLOCK && order == 0; b++)
-				add_point(p, x[b], 0, &stack[b][top - 1]);
-			for (int b = 0; b < BLOCK && order == 1; b++)
-				add_point(p, x[b], 1, &stack[b][top - 1]);
-			i++;
+			compose_colors(insn.op, p, &stack[top - 2][b],
+			    &stack[top - 1][b], &colors[top - 2][b],
+			    &colors[top - 1][b]);
+		if (insn.op == OP_POINT && insn.index > 0) {
+			if (colored)
+				color_points(insns + i, insn.index, params, x,
+				    color, stack[top - 1], colors[top - 1]);
+			add_points(insns + i, insn.index, params, x, deep,
+			    stack[top - 1]);
+			i += 2 * insn.index - 1;
+		} else if (insn.op == OP_POINT && p[4] == 3.0f) {
+			cubic_push(p, x, deep, stack[top]);
+			for (int b = 0; b < BLOCK && colored; b++)
+				colors[top][b] = color;
+			top++;
 		} else if (insn.op == OP_FRAME) {
 			for (int b = 0; b < BLOCK; b++)
 				x[b] = enter_frame(p,
-				    bases[b][WHOLE ? base : 0]);
+				    bases[WHOLE ? base : 0][b]);
 		} else if (insn.op == OP_CARRY) {
 			for (int b = 0; b < BLOCK; b++)
-				carry(p, &stack[b][top - 1], order);
+				carry(p, &stack[top - 1][b], deep);
 		} else if (insn.op == OP_COLOR) {
 			color = vec3r_load(p);
 		} else if (WHOLE && insn.op == OP_ENTER) {
 			for (int b = 0; b < BLOCK; b++)
-				bases[b][base + 1] = enter_warp(insn.index, p,
-				    bases[b][base]);
+				bases[base + 1][b] = enter_warp(insn.index, p,
+				    bases[base][b]);
 			base++;
 		} else if (WHOLE && insn.op == OP_LEAVE) {
 			base--;
 			for (int b = 0; b < BLOCK; b++)
-				leave_warp(insn.index, p, bases[b][base],
-				    &stack[b][top - 1], order);
+				leave_warp(insn.index, p, bases[base][b],
+				    &stack[top - 1][b], deep);
 		} else if (insn.op < OP_MAX) {
 			for (int b = 0; b < BLOCK; b++)
-				if (WHOLE && insn.op == OP_VOLUME)
+				if (insn.op == OP_ZERO)
+					compose_zero(&stack[top][b], deep);
+				else if (WHOLE && insn.op == OP_VOLUME)
 					volume_eval(volumes +
 					    volume_firsts[insn.index], p, x[b],
-					    order, &stack[b][top]);
+					    deep, &stack[top][b]);
 				else if (WHOLE && insn.op >= OP_CAUCHY_POINT)
 					convolution_eval(insn.op, p, x[b],
-					    order, &stack[b][top]);
+					    deep, &stack[top][b]);
 				else
-					primitive_eval(insn.op, p, x[b], order,
-					    &stack[b][top]);
+					primitive_eval(insn.op, p, x[b], deep,
+					    &stack[top][b]);
 			for (int b = 0; b < BLOCK && colored; b++)
-				colors[b][top] = color;
+				colors[top][b] = color;
 			top++;
 		} else if (insn.op < OP_CLASSIC) {
 			top--;
 			for (int b = 0; b < BLOCK; b++)
 				compose_plain(insn.op, p[0],
-				    &stack[b][top - 1], &stack[b][top], order);
+				    &stack[top - 1][b], &stack[top][b], deep);
 		} else if (WHOLE && insn.op < OP_UNION) {
 			top--;
 			for (int b = 0; b < BLOCK; b++)
 				compose_classic(insn.op, insn.index, p,
-				    &stack[b][top - 1], &stack[b][top], order);
+				    &stack[top - 1][b], &stack[top][b], deep);
 		} else {
 			top--;
 			for (int b = 0; b < BLOCK; b++)
 				compose_blend(TABLE_PASS, openings,
 				    descs + insn.index, insn.op, p[0],
-				    &stack[b][top - 1], &stack[b][top], order);
+				    &stack[top - 1][b], &stack[top][b], deep);
 		}
 	}
 	for (int b = 0; b < BLOCK; b++)
-		store_rows(&stack[b][0], &colors[b][0], outputs, rows +
-		    (first + b * WIDTH) * stride);
+		store_rows(&stack[0][b], &colors[0][b], outputs,
+		    order + b * WIDTH, rows);
 }

@@ -26,8 +26,8 @@ typedef int mask;
 #else
 typedef PASTE(float, WIDTH) real;
 typedef PASTE(int, WIDTH) mask;
-#define ANY(m) any(m)
-#define ALL(m) all(m)
+#define ANY(m) lanes_any(m)
+#define ALL(m) (!lanes_any(!(m)))
 #define LOAD(i, pointer) PASTE(vload, WIDTH)(i, pointer)
 #define STORE(value, i, pointer) PASTE(vstore, WIDTH)(value, i, pointer)
 #define TO_INT(x) PASTE(convert_int, WIDTH)(x)
@@ -37,6 +37,86 @@ typedef PASTE(int, WIDTH) mask;
 /* x in every lane. */
 #define REAL(x) ((real)(x))
 #define INT(x) ((mask)(x))
+
+#if WIDTH > 1
+
+/*
+ * A processor's own instructions, where OpenCL C has no words for them that
+ * PoCL's compiler would turn into these: a comparison into bits, a load a lane,
+ * a reciprocal root. Of 50 points under camel, curves took a quarter of the
+ * time by loads and shuffles, which the compiler takes apart; by gathers a
+ * seventh.
+ */
+#if WIDTH == 16 && defined(__AVX512F__) && defined(__clang__)
+#define HAS_AVX512 1
+#endif
+
+/* Bit l: whether a mask holds in lane l. */
+static inline uint lanes_bits(mask m)
+{
+#ifdef HAS_AVX512
+	return (uint)(ushort)__builtin_ia32_cmpd512_mask(m, INT(0), 1,
+	    (ushort)0xffff);
+#else
+	int lane[WIDTH];
+	uint bits = 0u;
+
+	PASTE(vstore, WIDTH)(m, 0, lane);
+	for (int l = 0; l < WIDTH; l++)
+		bits |= ((uint)lane[l] & 1u) << l;
+	return bits;
+#endif
+}
+
+/*
+ * Whether a mask holds in any lane. PoCL's any() is a branch for each pair of
+ * lanes, which random points make it mispredict: without them 50 points under
+ * camel take 0.87 of the time.
+ */
+static inline int lanes_any(mask m)
+{
+#if WIDTH == 16
+	int8 eight = m.lo | m.hi;
+#elif WIDTH == 8
+	int8 eight = m;
+#endif
+#if WIDTH >= 8
+	int4 four = eight.lo | eight.hi;
+#elif WIDTH == 4
+	int4 four = m;
+#endif
+#if WIDTH >= 4
+	int2 two = four.lo | four.hi;
+#else
+	int2 two = m;
+#endif
+
+	return (two.x | two.y) != 0;
+}
+
+#ifdef HAS_AVX512
+/* from[at] of every lane. */
+static inline real lanes_gather(__global const float *from, mask at)
+{
+	return __builtin_ia32_gathersiv16sf(REAL(0.0f),
+	    (const void *)(ulong)from, at, (ushort)0xffff, 4);
+}
+#endif
+
+#endif
+
+/* 1/sqrt(x), to 2 ulp, for x from 1e-37 to 1e37. */
+static inline real lanes_rsqrt(real x)
+{
+#ifdef HAS_AVX512
+	real r = __builtin_ia32_rsqrt14ps512_mask(x, REAL(0.0f),
+	    (ushort)0xffff);
+
+	return r * (1.5f - 0.5f * x * r * r);
+#else
+	return 1.0f / sqrt(x);
+#endif
+}
 
 /* yes where m holds, no elsewhere; yes and no are real, or both mask. */
 #define SELECT(no, yes, m) ((m) ? (yes) : (no))

@@ -59,7 +59,29 @@ static inline real power(real s, float k)
 	return SELECT(REAL(0.0f), exp2(k * p), b > 0.0f);
 }
 
-/* f = weight (1 - S)^n from S = d^2/R^2 and its derivatives. */
+/*
+ * Whether no lane of t is under 1, where a support ends; the jet is 0 then, and
+ * there are no derivatives to be had. Most primitives are out of reach at most
+ * points: a tree of 50 mixed ones takes 0.75 to 0.86 of the time on a grid's
+ * points, 1.03 on random ones. A cubic point is too cheap: 2.4 times at random.
+ */
+static inline int out_of_reach(real t, int order, struct jetr *out)
+{
+	const real zero = REAL(0.0f);
+
+	if (order < 1 || ANY(t < REAL(1.0f)))
+		return 0;
+	out->value = zero;
+	out->gradient = vec3r(zero, zero, zero);
+	if (order >= 2)
+		out->hessian = sym3r_identity(zero);
+	return 1;
+}
+
+/*
+ * f = weight (1 - S)^n from S = d^2/R^2 and its derivatives, which end where f
+ * underflows.
+ */
 static void soft(const struct jetr *s, float n, float weight, int order,
     struct jetr *out)
 {
@@ -68,12 +90,16 @@ static void soft(const struct jetr *s, float n, float weight, int order,
 	real zero = REAL(0.0f), f1;
 	struct vec3r g;
 
+	mask some;
+
 	out->value = p * b * b;
 	if (order < 1)
 		return;
+	some = out->value > zero;
+	p = SELECT(zero, p, some);
 	f1 = -n * p * b;
 	/* The products of a far point's gradient would overflow. */
-	g = vec3r_select(vec3r(zero, zero, zero), s->gradient, b > 0.0f);
+	g = vec3r_select(vec3r(zero, zero, zero), s->gradient, some);
 	out->gradient = vec3r_scale(f1, g);
 	if (order < 2)
 		return;
@@ -144,6 +170,8 @@ static void segment(__global const float *p, struct vec3r x, int order,
 
 	e = vec3r_axpy(-t, u, e);
 	s.value = real_min(vec3r_dot(e, e), 4.0f * r2) * inv_r2;
+	if (out_of_reach(s.value, order, out))
+		return;
 	if (order >= 1) {
 		k = real_clamp(p[8] / r, REAL(-STEEPEST), REAL(STEEPEST));
 		k = SELECT(zero, k, between);
@@ -256,6 +284,8 @@ static void triangle(__global const float *p, struct vec3r x, int order,
 	struct jetr s;
 
 	s.value = support(vec3r_dot(f.e, f.e), inv_r2);
+	if (out_of_reach(s.value, order, out))
+		return;
 	s.gradient = vec3r_scale(REAL(2.0f * inv_r2), f.e);
 	if (order >= 2)
 		s.hessian = sym3r_scale(REAL(2.0f * inv_r2), sym3r_axpy(f.along,
@@ -328,16 +358,24 @@ static void revolve(const struct planar *f, const struct cylindrical *c,
 	    out->hessian);
 }
 
-/* S of a skeleton point at distance a from the axis, as seen in (rho, z). */
-static void ring(real a, mask radial, float inv_r2,
-    const struct cylindrical *c, int order, struct jetr *s)
+/*
+ * A soft object whose skeleton is at distance a from the axis' ring, as seen in
+ * (rho, z). p: inv_r2, n, weight.
+ */
+static void ring(__global const float *p, real a, mask radial,
+    const struct cylindrical *c, int order, struct jetr *out)
 {
+	float inv_r2 = p[0];
 	real two = REAL(2.0f * inv_r2), zero = REAL(0.0f);
 	struct planar f = {support(a * a + c->z * c->z, inv_r2), two * a,
 	    two * c->z, SELECT(zero, two, radial), zero, two,
 	    two * (a * c->inv_rho)};
+	struct jetr s;
 
-	revolve(&f, c, order, s);
+	if (out_of_reach(f.value, order, out))
+		return;
+	revolve(&f, c, order, &s);
+	soft(&s, p[1], p[2], order, out);
 }
 
 static void disc(__global const float *p, struct vec3r x, int order,
@@ -345,21 +383,17 @@ static void disc(__global const float *p, struct vec3r x, int order,
 {
 	struct cylindrical c = about_axis(p, p + 3, x, p[6]);
 	mask beyond = c.rho > p[6];
-	struct jetr s;
 
-	ring(SELECT(REAL(0.0f), c.rho - p[6], beyond), beyond, p[7], &c, order,
-	    &s);
-	soft(&s, p[8], p[9], order, out);
+	ring(p + 7, SELECT(REAL(0.0f), c.rho - p[6], beyond), beyond, &c,
+	    order, out);
 }
 
 static void circle(__global const float *p, struct vec3r x, int order,
     struct jetr *out)
 {
 	struct cylindrical c = about_axis(p, p + 3, x, p[6]);
-	struct jetr s;
 
-	ring(c.rho - p[6], INT(-1), p[7], &c, order, &s);
-	soft(&s, p[8], p[9], order, out);
+	ring(p + 7, c.rho - p[6], INT(-1), &c, order, out);
 }
 
 /*
@@ -481,6 +515,8 @@ static void box(__global const float *p, struct vec3r x, int order,
 
 	box_inside(q, side, &jet);
 	jet.value = SELECT(jet.value, length, outside) - p[6];
+	if (out_of_reach(jet.value * p[7], order, out))
+		return;
 	jet.gradient = vec3r_select(jet.gradient,
 	    vec3r(g.x * side.x, g.y * side.y, g.z * side.z), outside);
 	if (order >= 2)
@@ -517,6 +553,17 @@ static struct planar line_distance(real distance, real r, real z,
 	return f;
 }
 
+static void solid_of_revolution(const struct planar *distance,
+    const struct cylindrical *c, float inv_fall, int order, struct jetr *out)
+{
+	struct jetr d;
+
+	if (out_of_reach(distance->value * inv_fall, order, out))
+		return;
+	revolve(distance, c, order, &d);
+	solid(&d, inv_fall, order, out);
+}
+
 static void cylinder(__global const float *p, struct vec3r x, int order,
     struct jetr *out)
 {
@@ -526,12 +573,10 @@ static void cylinder(__global const float *p, struct vec3r x, int order,
 	mask lateral = q >= w;
 	struct planar f = line_distance(SELECT(w, q, lateral),
 	    SELECT(zero, one, lateral), SELECT(side, zero, lateral), &c);
-	struct jetr d;
 
 	f = planar_select(f, corner_distance(q, w * side, REAL(p[7]),
 	    AXIS_GUARD / p[8], &c), q > 0.0f && w > 0.0f);
-	revolve(&f, &c, order, &d);
-	solid(&d, p[8], order, out);
+	solid_of_revolution(&f, &c, p[8], order, out);
 }
 
 /*
@@ -574,10 +619,8 @@ static void cone(__global const float *p, struct vec3r x, int order,
 	struct cylindrical c = about_axis(p, p + 3, x,
 	    p[7] > p[8] ? p[7] : p[8]);
 	struct planar f = cone_profile(p[6], p[7], p[8], AXIS_GUARD / p[9], &c);
-	struct jetr d;
 
-	revolve(&f, &c, order, &d);
-	solid(&d, p[9], order, out);
+	solid_of_revolution(&f, &c, p[9], order, out);
 }
 
 static void torus(__global const float *p, struct vec3r x, int order,
@@ -586,11 +629,9 @@ static void torus(__global const float *p, struct vec3r x, int order,
 	struct cylindrical c = about_axis(p, p + 3, x, p[6]);
 	struct planar f = corner_distance(c.rho - p[6], c.z, REAL(p[6]),
 	    AXIS_GUARD * p[7], &c);
-	struct jetr d;
 
 	f.value -= p[7];
-	revolve(&f, &c, order, &d);
-	solid(&d, p[8], order, out);
+	solid_of_revolution(&f, &c, p[8], order, out);
 }
 
 static void plane(__global const float *p, struct vec3r x, int order,

@@ -21,16 +21,17 @@ static inline real table_tan(real x)
 /* The union's boundary at c <= 1/2, T = tan(theta). */
 static real table_boundary_union(__global const float *curves, real c, real T)
 {
-	real below = T * 0.5f, phi[3], lambda, scale;
+	real below = T * 0.5f, lambda, scale;
 	mask curved = (c > below) & (T < REAL(1.0f));
 
 	lambda = c;
 	if (ANY(curved)) {
-		curve_lookup(curves, TABLE_CURVE_NODES, 2.0f, (2.0f * c - T) /
-		    real_max(1.0f - T, REAL(1e-7f)), phi);
-		lambda = SELECT(c, (1.0f - T) * 0.25f * phi[0] + below, curved);
+		lambda = curve_value(curves, TABLE_CURVE_NODES, 2.0f,
+		    (2.0f * c - T) * (1.0f / real_max(1.0f - T, REAL(1e-7f))));
+		lambda = SELECT(c, (1.0f - T) * 0.25f * lambda + below,
+		    curved);
 	}
-	scale = lambda / (1.0f + T);
+	scale = lambda * (1.0f / (1.0f + T));
 	return 8.0f * T * scale * scale;
 }
 
@@ -38,7 +39,7 @@ static real table_boundary_union(__global const float *curves, real c, real T)
 static real table_depth(__global const float *curves, uint family, real near,
     real T)
 {
-	real half_t = 0.5f * T, c, k, phi[3];
+	real half_t = 0.5f * T, c, k, phi;
 
 	if (family == DESCRIPTOR_UNION) {
 		if (ALL(near >= REAL(0.5f)))
@@ -51,9 +52,8 @@ static real table_depth(__global const float *curves, uint family, real near,
 	c = real_max(1.0f - near, REAL(0.0f));
 	k = c - table_boundary_union(curves, real_min(c, REAL(0.5f)), T);
 	if (ANY(near < REAL(0.5f))) {
-		curve_lookup(curves, TABLE_CURVE_NODES, 2.0f, 2.0f * near,
-		    phi);
-		k = SELECT(k, (1.0f - half_t) * phi[0] - near, near < 0.5f);
+		phi = curve_value(curves, TABLE_CURVE_NODES, 2.0f, 2.0f * near);
+		k = SELECT(k, (1.0f - half_t) * phi - near, near < 0.5f);
 	}
 	return -k;
 }
@@ -131,14 +131,13 @@ static mask table_closed(__global const float *sigma, mask blend, real near,
 	return closed;
 }
 
-/* The six second derivatives of the active lanes; the first three are stored
- * times d, gtt over e. */
-static void table_second(TABLE_ARGS, __global const struct operator_desc *desc,
-    mask active, real x, real y, real z, real d, real e, struct opjet *out)
+/*
+ * The six second derivatives of the active lanes, of nodes of the second part:
+ * the first three are stored times d, gtt over e.
+ */
+static inline void table_second(const real n[8], mask active, real d, real e,
+    struct opjet *out)
 {
-	real n[8];
-
-	fetch_second(TABLE_PASS, desc, active, x, y, z, n);
 	d = 1.0f / d;
 	out->g11 = SELECT(out->g11, n[0] * d, active);
 	out->g12 = SELECT(out->g12, n[1] * d, active);
@@ -171,7 +170,7 @@ static void table_cells(TABLE_ARGS, __global const struct operator_desc *desc,
 	real x = 1.0f - sqrt(real_clamp((near - far) / d, REAL(0.0f),
 	    REAL(1.0f)));
 	real y = table_coordinate(SELECT(near, 1.0f - near, near > 0.5f));
-	real z = 1.0f - sqrt(1.0f - T), n[8], part, e = near;
+	real z = 1.0f - sqrt(1.0f - T), n[16], part, e = near;
 
 	if (desc->family == DESCRIPTOR_INTERSECTION) {
 		y = SELECT(0.5f * y, 1.0f - 0.5f * y, near > 0.5f);
@@ -180,7 +179,7 @@ static void table_cells(TABLE_ARGS, __global const struct operator_desc *desc,
 	x *= last;
 	y *= last;
 	z *= last;
-	fetch_edge(TABLE_PASS, desc, active, x, y, z, n);
+	fetch_cells(TABLE_PASS, desc, active, x, y, z, order, n);
 	part = x - real_min(floor(x), REAL(last - 1.0f));
 	out->g = SELECT(out->g, near + d * table_q(n, part, x - part, last),
 	    active);
@@ -190,51 +189,91 @@ static void table_cells(TABLE_ARGS, __global const struct operator_desc *desc,
 	out->g2 = SELECT(out->g2, n[2] + part * (n[6] - n[2]), active);
 	out->gt = SELECT(out->gt, e * (n[3] + part * (n[7] - n[3])), active);
 	if (order > 1)
-		table_second(TABLE_PASS, desc, active, x, y, z, d, e, out);
+		table_second(n + 8, active, d, e, out);
 }
 
-/* Where the warped layout and the closed form apply; 1 and 2 are near and far. */
-static void table_blend(TABLE_ARGS, __global const struct operator_desc *desc,
-    mask wanted, real near, real far, real theta, int order,
-    struct opjet *out)
+/* Where g is not its near field, and what the tests for that have found. */
+struct region {
+	real near, far, theta;
+	mask swapped; /* near is f2 */
+	mask grid;    /* lanes of the paper's grid */
+	mask blend;   /* lanes to look up, grid's too */
+	real T, depth; /* elsewhere than in grid */
+};
+
+/*
+ * Lanes wanted at f1, f2 >= 0 and theta in [0, pi/4]. A lane that is not in
+ * blend is near's, or where it is not wanted either, nothing's.
+ */
+static void operator_region(__global const float *curves,
+    __global const struct operator_desc *desc, mask wanted, real f1, real f2,
+    real theta, struct region *r)
 {
-	__global const float *curves_of = curves + desc->silhouette;
-	real T = real_min(table_tan(theta), REAL(1.0f));
-	real depth = table_depth(curves_of, desc->family, near, T);
-	mask blend;
+	int is_union = desc->family == DESCRIPTOR_UNION;
+	real span;
 
-	if (desc->family == DESCRIPTOR_UNION) {
-		blend = wanted & (near - far < depth);
-		blend = blend & !table_closed(curves_of +
-		    CURVE_NODE * TABLE_SIGMA, blend, near, far, T, order, out)
-		    & (near < REAL(0.5f));
-	} else {
-		blend = wanted & (near - far > depth) & (near < REAL(1.0f));
+	r->swapped = is_union ? f2 > f1 : f2 < f1;
+	r->near = SELECT(f1, f2, r->swapped);
+	r->far = SELECT(f2, f1, r->swapped);
+	r->theta = theta;
+	r->grid = INT(0);
+	if (desc->layout == DESCRIPTOR_UNIFORM) {
+		r->grid = wanted & (f1 <= REAL(1.0f)) & (f2 <= REAL(1.0f));
+		wanted = wanted & !r->grid;
+		r->blend = r->grid;
+		if (!is_union || !ANY(wanted))
+			return;
 	}
-	if (desc->layout == DESCRIPTOR_WARPED && ANY(blend))
-		table_cells(TABLE_PASS, desc, blend, near, far, T, depth,
-		    order, out);
+	r->T = real_min(table_tan(theta), REAL(1.0f));
+	r->depth = table_depth(curves + desc->silhouette, desc->family,
+	    r->near, r->T);
+	span = r->near - r->far;
+	if (is_union)
+		r->blend = r->grid | (wanted & (span < r->depth));
+	else
+		r->blend = wanted & (span > r->depth) &
+		    (r->near < REAL(1.0f));
 }
 
-/* Lanes within [0, 1]^2, from the paper's grid; 1 and 2 are f1 and f2. */
-static mask table_uniform(TABLE_ARGS, __global const struct operator_desc *desc,
-    real f1, real f2, real theta, int order, struct opjet *out)
+/* By the warped layout and the closed form; 1 and 2 are near and far. */
+static void table_blend(TABLE_ARGS, __global const struct operator_desc *desc,
+    const struct region *r, int order, struct opjet *out)
+{
+	mask blend = r->blend & !r->grid;
+
+	if (!ANY(blend))
+		return;
+	if (desc->family == DESCRIPTOR_UNION)
+		blend = blend & !table_closed(curves + desc->silhouette +
+		    CURVE_NODE * TABLE_SIGMA, blend, r->near, r->far, r->T,
+		    order, out) & (r->near < REAL(0.5f));
+	if (desc->layout == DESCRIPTOR_WARPED && ANY(blend))
+		table_cells(TABLE_PASS, desc, blend, r->near, r->far, r->T,
+		    r->depth, order, out);
+}
+
+/* Lanes of the paper's grid; 1 and 2 are f1 and f2. */
+static void table_uniform(TABLE_ARGS, __global const struct operator_desc *desc,
+    const struct region *r, int order, struct opjet *out)
 {
 	float last = (float)(desc->resolution - 1u);
-	mask within = (f1 <= REAL(1.0f)) & (f2 <= REAL(1.0f));
-	real x = f1 * last, y = f2 * last, z = theta * (last / QUARTER_PI), n[4];
+	real x = last * SELECT(r->near, r->far, r->swapped);
+	real y = last * SELECT(r->far, r->near, r->swapped);
+	real z = r->theta * (last / QUARTER_PI), n[16], part;
 
-	fetch_first(TABLE_PASS, desc, within, x, y, z, n);
-	out->g = SELECT(out->g, n[0], within);
-	if (order < 1)
-		return within;
-	out->g1 = SELECT(out->g1, n[1], within);
-	out->g2 = SELECT(out->g2, n[2], within);
-	out->gt = SELECT(out->gt, n[3], within);
-	if (order > 1)
-		table_second(TABLE_PASS, desc, within, x, y, z, REAL(1.0f),
-		    REAL(1.0f), out);
-	return within;
+	if (order < 2) {
+		fetch_first(TABLE_PASS, desc, r->grid, x, y, z, n);
+	} else {
+		fetch_cells(TABLE_PASS, desc, r->grid, x, y, z, order, n);
+		part = x - real_min(floor(x), REAL(last - 1.0f));
+		for (int k = 0; k < 4; k++)
+			n[k] += part * (n[k + 4] - n[k]);
+		table_second(n + 8, r->grid, REAL(1.0f), REAL(1.0f), out);
+	}
+	out->g = SELECT(out->g, n[0], r->grid);
+	out->g1 = SELECT(out->g1, n[1], r->grid);
+	out->g2 = SELECT(out->g2, n[2], r->grid);
+	out->gt = SELECT(out->gt, n[3], r->grid);
 }
 
 static inline void table_swap(real *a, real *b, mask m)
@@ -246,33 +285,27 @@ static inline void table_swap(real *a, real *b, mask m)
 }
 
 /*
- * g and its derivatives up to order at f1, f2 >= 0 and theta in [0, pi/4];
- * those beyond order are not to be read.
+ * g and its derivatives up to order in a region; those beyond order are not to
+ * be read. Outside the region it is near.
  */
 static void operator_lookup(TABLE_ARGS,
-    __global const struct operator_desc *desc, real f1, real f2, real theta,
+    __global const struct operator_desc *desc, const struct region *r,
     int order, struct opjet *out)
 {
-	int is_union = desc->family == DESCRIPTOR_UNION;
-	mask swapped = is_union ? f2 > f1 : f2 < f1, within = INT(0);
-	real near = SELECT(f1, f2, swapped), far = SELECT(f2, f1, swapped);
 	const real zero = REAL(0.0f);
-	struct opjet j = {near, REAL(1.0f), zero, zero, zero, zero, zero, zero,
-		zero, zero};
+	struct opjet j = {r->near, REAL(1.0f), zero, zero, zero, zero, zero,
+		zero, zero, zero};
 
-	if (desc->layout == DESCRIPTOR_UNIFORM) {
-		within = table_uniform(TABLE_PASS, desc, f1, f2, theta, order,
-		    &j);
-		swapped = swapped & !within;
-	}
-	if (desc->layout == DESCRIPTOR_WARPED || is_union)
-		table_blend(TABLE_PASS, desc, !within, near, far, theta, order,
-		    &j);
+	if (desc->layout == DESCRIPTOR_WARPED ||
+	    desc->family == DESCRIPTOR_UNION)
+		table_blend(TABLE_PASS, desc, r, order, &j);
 	if (order > 0)
-		table_swap(&j.g1, &j.g2, swapped);
+		table_swap(&j.g1, &j.g2, r->swapped);
 	if (order > 1) {
-		table_swap(&j.g11, &j.g22, swapped);
-		table_swap(&j.g1t, &j.g2t, swapped);
+		table_swap(&j.g11, &j.g22, r->swapped);
+		table_swap(&j.g1t, &j.g2t, r->swapped);
 	}
+	if (ANY(r->grid))
+		table_uniform(TABLE_PASS, desc, r, order, &j);
 	*out = j;
 }

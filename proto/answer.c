@@ -1,7 +1,6 @@
 #include "proto/answer.h"
 
 #include <assert.h>
-#include <math.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -10,6 +9,7 @@
 #include <cjson/cJSON.h>
 
 #include "core/output.h"
+#include "proto/answer_print.h"
 #include "proto/fault.h"
 #include "proto/number.h"
 #include "proto/text.h"
@@ -17,24 +17,12 @@
 /* A number and its comma; a row's brackets and comma. */
 #define NUMBER_ROOM (NUMBER_FLOAT_MAX + 1)
 #define ROW_ROOM 3
-/* {"count":N,"draft":true and the names of all outputs, with brackets, and what printing
- * writes behind the last number. */
-#define FRAME_ROOM 256
+/* {"count":N,"draft":true and the names of all outputs, with brackets, and the
+ * room that printing wants beyond. */
+#define FRAME_ROOM (256 + ANSWER_PRINT_LEAST)
 
-static const struct {
-	const char *name;
-	unsigned bit;
-	int floats;
-} parts[] = {
-	{"value", OUTPUT_VALUE, 1},
-	{"gradient", OUTPUT_GRADIENT, 3},
-	{"hessian", OUTPUT_HESSIAN, 6},
-	{"color", OUTPUT_COLOR, 3},
-	{"normal", OUTPUT_NORMAL, 3},
-	{"curvature", OUTPUT_CURVATURE, 2},
-};
-
-#define PARTS (sizeof parts / sizeof *parts)
+/* Outputs there are. */
+#define PARTS 6
 
 /* Bytes that no answer exceeds, or 0 if that overflows. */
 static size_t room_for(size_t count, unsigned outputs)
@@ -46,84 +34,22 @@ static size_t room_for(size_t count, unsigned outputs)
 	    FRAME_ROOM + count * row;
 }
 
-static char *put_text(char *out, const char *text)
-{
-	const size_t n = strlen(text);
-
-	memcpy(out, text, n);
-	return out + n;
-}
-
-/* What is printed; floats may be NULL if count is 0. */
-struct rows {
-	const float *floats;
-	size_t count, stride;
-};
-
-static char *put_numbers(char *out, const float *numbers, int n)
-{
-	int i;
-
-	for (i = 0; i < n; i++) {
-		out += number_print_float(numbers[i], out);
-		*out++ = ',';
-	}
-	return out;
-}
-
-/* One part of all rows, as an array: columns floats of each row from first. */
-static char *put_part(char *out, const struct rows *rows, int first,
-    int columns, bool nested)
-{
-	size_t i;
-
-	*out++ = '[';
-	for (i = 0; i < rows->count; i++) {
-		if (nested)
-			*out++ = '[';
-		out = put_numbers(out,
-		    rows->floats + i * rows->stride + first, columns);
-		if (nested) {
-			out[-1] = ']';
-			*out++ = ',';
-		}
-	}
-	if (rows->count)
-		out--;
-	*out++ = ']';
-	return out;
-}
-
 enum err answer_json(const float *rows, size_t count, unsigned outputs,
     unsigned flags, char **out, size_t *length)
 {
-	const struct rows all = {rows, count,
-	    (size_t)output_row_floats(outputs)};
+	struct answer_print print = {.rows = rows, .count = count,
+	    .outputs = outputs, .flags = flags,
+	    .stride = (size_t)output_row_floats(outputs)};
 	const size_t room = room_for(count, outputs);
-	char *text, *p, *trimmed;
-	int first = 0;
-	size_t i;
+	char *text, *trimmed;
 
 	text = room ? malloc(room) : NULL;
 	if (!text)
 		return ERR_MEMORY;
-	p = text + sprintf(text, "{\"count\":%zu%s", count,
-	    flags & ANSWER_DRAFT ? ",\"draft\":true" : "");
-	for (i = 0; i < PARTS; i++) {
-		if (!(outputs & parts[i].bit))
-			continue;
-		p = put_text(p, ",\"");
-		p = put_text(p, parts[i].name);
-		p = put_text(p, "\":");
-		p = put_part(p, &all, first, parts[i].floats,
-		    parts[i].floats > 1 && !(flags & ANSWER_FLAT));
-		first += parts[i].floats;
-	}
-	*p++ = '}';
-	assert((size_t)(p - text) <= room);
-	trimmed = realloc(text, (size_t)(p - text));
+	*length = answer_print(&print, text, room);
+	assert(print.is_done);
+	trimmed = realloc(text, *length);
 	*out = trimmed ? trimmed : text;
-	*length = (size_t)(p - text);
 	return ERR_OK;
 }
 

@@ -16,8 +16,24 @@
 struct json_text json_text(const char *text, size_t length,
     size_t values_max, struct arena *arena)
 {
-	return (struct json_text){arena, text, text, text + length, values_max,
-	    0};
+	return (struct json_text){.arena = arena, .start = text,
+	    .cursor = text, .end = text + length, .values_left = values_max,
+	    .origin = {text, 0, 1, 1}};
+}
+
+struct json_mark json_mark_moved(struct json_mark mark, const char *at)
+{
+	const char *p = mark.at, *newline;
+
+	mark.byte += (size_t)(at - p);
+	while ((newline = memchr(p, '\n', (size_t)(at - p)))) {
+		mark.line++;
+		mark.column = 1;
+		p = newline + 1;
+	}
+	mark.column += (size_t)(at - p);
+	mark.at = at;
+	return mark;
 }
 
 /* Adds what, where the cursor is, and behind it more; ERR_SYNTAX. */
@@ -25,18 +41,13 @@ static enum err refuse(const struct json_text *text,
     const struct json_place *place, const char *what, const char *more,
     struct faults *faults)
 {
-	size_t line = 1, column = 1;
-	const char *p;
+	const bool resumed = text->resumed.at &&
+	    text->cursor >= text->resumed.at;
+	const struct json_mark mark = json_mark_moved(resumed ? text->resumed :
+	    text->origin, text->cursor);
 
-	for (p = text->start; p < text->cursor; p++) {
-		column++;
-		if (*p == '\n') {
-			line++;
-			column = 1;
-		}
-	}
 	json_fault(faults, place, "line %zu, column %zu (byte %zu): %s%s",
-	    line, column, (size_t)(text->cursor - text->start), what, more);
+	    mark.line, mark.column, mark.byte, what, more);
 	return ERR_SYNTAX;
 }
 
@@ -457,39 +468,10 @@ enum err json_value(struct json_text *text, const struct json_place *place,
 	return err;
 }
 
-/* Moves past an array or an object. */
-static enum err skip_elements(struct json_text *text,
-    const struct json_place *place, struct faults *faults)
-{
-	const bool is_object = *text->cursor == '{';
-	const char close = is_object ? '}' : ']';
-	const char *name;
-	enum err err = ERR_OK;
-
-	text->cursor++;
-	if (json_take(text, close))
-		return ERR_OK;
-	do {
-		if (is_object) {
-			err = pass_string(text, place, &name, faults);
-			if (!err && !json_take(text, ':'))
-				err = json_expected(text, place, "expected ':'",
-				    faults);
-		}
-		if (!err)
-			err = json_skip(text, place, faults);
-		if (err)
-			return err;
-	} while (json_take(text, ','));
-	if (json_take(text, close))
-		return ERR_OK;
-	return json_expected(text, place, is_object ? "expected ',' or '}'" :
-	    "expected ',' or ']'", faults);
-}
-
 enum err json_skip(struct json_text *text, const struct json_place *place,
     struct faults *faults)
 {
+	struct json_skipper inside = {.state = JSON_SKIP_OPENED, .depth = 1};
 	cJSON unused = {0};
 	const char *start;
 	enum err err;
@@ -497,15 +479,150 @@ enum err json_skip(struct json_text *text, const struct json_place *place,
 	err = begin_value(text, place, faults);
 	if (err)
 		return err;
-	text->depth++;
-	if (*text->cursor == '{' || *text->cursor == '[')
-		err = skip_elements(text, place, faults);
-	else if (*text->cursor == '"')
-		err = pass_string(text, place, &start, faults);
-	else
-		err = read_any(text, place, &unused, faults);
-	text->depth--;
+	if (*text->cursor == '"')
+		return pass_string(text, place, &start, faults);
+	if (*text->cursor != '{' && *text->cursor != '[')
+		return read_any(text, place, &unused, faults);
+	inside.is_object[0] = *text->cursor++ == '{';
+	return json_skip_on(&inside, text, true, place, faults);
+}
+
+const char *json_token_end(const char *p, const char *end, bool is_string,
+    bool *escaped)
+{
+	if (!is_string) {
+		while (p < end && ((*p >= '0' && *p <= '9') || *p == '-' ||
+		    *p == '+' || *p == '.' ||
+		    ((*p | 0x20) >= 'a' && (*p | 0x20) <= 'z')))
+			p++;
+		return p < end ? p : NULL;
+	}
+	for (; p < end; p++) {
+		if (*escaped)
+			*escaped = false;
+		else if (*p == '\\')
+			*escaped = true;
+		else if (*p == '"')
+			return p + 1;
+	}
+	return NULL;
+}
+
+/* Whether the number, word or string at the cursor is all there, if one may
+ * be. */
+static bool has_token(const struct json_skipper *s,
+    const struct json_text *text)
+{
+	const bool is_string = *text->cursor == '"';
+	bool escaped = false;
+
+	if (s->state != JSON_SKIP_VALUE && s->state != JSON_SKIP_NAME)
+		return true;
+	return json_token_end(text->cursor + is_string, text->end, is_string,
+	    &escaped) != NULL;
+}
+
+/* A value is behind the cursor, or the skipper's array or object ends. */
+static void skip_close(struct json_skipper *s)
+{
+	s->depth--;
+	s->state = JSON_SKIP_BEHIND;
+}
+
+/* At the beginning of a value, behind white space. */
+static enum err skip_value(struct json_skipper *s, struct json_text *text,
+    const struct json_place *place, struct faults *faults)
+{
+	const char c = text->cursor < text->end ? *text->cursor : ' ';
+
+	if (s->depth == JSON_DEPTH_MAX && c != ' ') {
+		json_fault(faults, place, "nested more than %d deep",
+		    JSON_DEPTH_MAX);
+		return ERR_LIMIT;
+	}
+	if (c != '[' && c != '{') {
+		s->state = JSON_SKIP_BEHIND;
+		return json_skip(text, place, faults);
+	}
+	text->cursor++;
+	s->is_object[s->depth++] = c == '{';
+	s->state = JSON_SKIP_OPENED;
+	return ERR_OK;
+}
+
+/* Behind a value. */
+static enum err skip_separator(struct json_skipper *s, struct json_text *text,
+    const struct json_place *place, struct faults *faults)
+{
+	const bool is_object = s->is_object[s->depth - 1];
+
+	if (json_take(text, ',')) {
+		s->state = is_object ? JSON_SKIP_NAME : JSON_SKIP_VALUE;
+		return ERR_OK;
+	}
+	if (json_take(text, is_object ? '}' : ']')) {
+		skip_close(s);
+		return ERR_OK;
+	}
+	return json_expected(text, place, is_object ? "expected ',' or '}'" :
+	    "expected ',' or ']'", faults);
+}
+
+/* One step; the cursor is behind white space. */
+static enum err skip_step(struct json_skipper *s, struct json_text *text,
+    const struct json_place *place, struct faults *faults)
+{
+	const bool is_object = s->is_object[s->depth - 1];
+
+	switch (s->state) {
+	case JSON_SKIP_OPENED:
+		s->state = is_object ? JSON_SKIP_NAME : JSON_SKIP_VALUE;
+		if (json_take(text, is_object ? '}' : ']'))
+			skip_close(s);
+		return ERR_OK;
+	case JSON_SKIP_VALUE:
+		return skip_value(s, text, place, faults);
+	case JSON_SKIP_NAME:
+		s->state = JSON_SKIP_COLON;
+		if (text->cursor == text->end || *text->cursor != '"')
+			return json_expected(text, place, "expected a string",
+			    faults);
+		return json_skip(text, place, faults);
+	case JSON_SKIP_COLON:
+		s->state = JSON_SKIP_VALUE;
+		return json_take(text, ':') ? ERR_OK : json_expected(text,
+		    place, "expected ':'", faults);
+	default:
+		return skip_separator(s, text, place, faults);
+	}
+}
+
+enum err json_skip_on(struct json_skipper *s, struct json_text *text,
+    bool last, const struct json_place *place, struct faults *faults)
+{
+	enum err err = ERR_OK;
+
+	while (s->depth && !err) {
+		json_space(text);
+		if (!last && (text->cursor == text->end || !has_token(s, text)))
+			break;
+		err = skip_step(s, text, place, faults);
+	}
 	return err;
+}
+
+bool json_spells(const char *start, const char *end, const char *name)
+{
+	enum { LONGEST = 8 * 6 };
+	struct json_text text = json_text(start, (size_t)(end - start) + 1, 0,
+	    NULL);
+	char meaning[LONGEST + 1];
+
+	if (end - start > LONGEST || check_string(&text) != NULL ||
+	    text.cursor != end)
+		return false;
+	decode(start, end, meaning);
+	return strcmp(meaning, name) == 0;
 }
 
 enum err json_finish(struct json_text *text, struct faults *faults)

@@ -46,12 +46,24 @@ void json_fault(struct faults *faults, const struct json_place *place,
 /* "an object", "a number"...: what a value is, for a sentence. */
 const char *json_kind(const struct cJSON *value);
 
-/* A text being read. */
+/* Where a character stands: bytes before it, its line and column from 1. */
+struct json_mark {
+	const char *at;
+	size_t byte, line, column;
+};
+
+/* mark, moved on to at, which may not lie before it. */
+struct json_mark json_mark_moved(struct json_mark mark, const char *at);
+
+/* A text being read: all of one, or a piece of a longer one. */
 struct json_text {
 	struct arena *arena; /* what values and strings are made in */
 	const char *start, *cursor, *end;
 	size_t values_left; /* how many values may yet be read */
 	size_t depth;
+	/* Where the longer text has what stands at start; and, unless its at is
+	 * NULL, what stands behind a part that was left out. */
+	struct json_mark origin, resumed;
 };
 
 /* arena: may be NULL if neither values nor strings will be read. */
@@ -97,6 +109,43 @@ enum err json_value(struct json_text *text, const struct json_place *place,
  * twice pass, and there may be any number of values. */
 enum err json_skip(struct json_text *text, const struct json_place *place,
     struct faults *faults);
+
+/*
+ * json_skip in pieces: of an array or an object whose beginning was read
+ * already.
+ */
+enum json_skip_state {
+	JSON_SKIP_VALUE,
+	JSON_SKIP_OPENED, /* behind '[' or '{' */
+	JSON_SKIP_NAME,
+	JSON_SKIP_COLON,
+	JSON_SKIP_BEHIND  /* a value */
+};
+struct json_skipper {
+	enum json_skip_state state;
+	size_t depth;                    /* open arrays and objects; 0: done */
+	bool is_object[JSON_DEPTH_MAX];
+};
+
+/*
+ * Moves as far as text goes; with last, faults if that is not the end of the
+ * value. What is left, without last, is the beginning of a number, a word or a
+ * string. Errors as json_value, at place.
+ */
+enum err json_skip_on(struct json_skipper *skipper, struct json_text *text,
+    bool last, const struct json_place *place, struct faults *faults);
+
+/*
+ * Numbers, words and strings in pieces: behind the one that began before p, or
+ * NULL if it may go on at end. Of a string *escaped, false at its beginning,
+ * remembers a backslash; p is then behind its first quote.
+ */
+const char *json_token_end(const char *p, const char *end, bool is_string,
+    bool *escaped);
+
+/* Whether the string from start to its closing quote, at end, means name, of
+ * at most 8 characters. Nothing is allocated. */
+bool json_spells(const char *start, const char *end, const char *name);
 
 /* ERR_SYNTAX unless only white space is left. */
 enum err json_finish(struct json_text *text, struct faults *faults);

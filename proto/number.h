@@ -26,4 +26,11 @@ size_t number_print_float(float f, char out[static NUMBER_FLOAT_ROOM]);
  */
 int number_parse(const char **cursor, const char *end, double *out);
 
+/*
+ * The same for most numbers, sooner: up to 19 digits, no exponent, and more
+ * characters than those before end. Behind the number, or NULL if it is not
+ * one of these.
+ */
+const char *number_parse_plain(const char *p, const char *end, double *out);
+
 #endif

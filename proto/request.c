@@ -8,6 +8,7 @@
 #include "core/output.h"
 #include "proto/arena.h"
 #include "proto/document.h"
+#include "proto/eval_splice.h"
 #include "proto/fault.h"
 #include "proto/json.h"
 
@@ -124,6 +125,7 @@ void eval_request_fini(struct eval_request *request)
 struct body {
 	struct json_text text;
 	struct arena arena; /* of the text's values */
+	const struct eval_splice *splice; /* or NULL */
 	bool with_scene;
 	size_t max_points;
 	const struct document_limits *limits;
@@ -177,12 +179,36 @@ static enum err twice(struct body *b, const struct json_place *place)
 	    b->faults);
 }
 
+/* Takes the points that were scanned before. */
+static enum err take_points(struct body *b)
+{
+	const struct eval_splice *splice = b->splice;
+	size_t i;
+
+	for (i = 0; i < splice->faults->count; i++)
+		faults_add(b->faults, splice->faults->list[i].pointer, "%s",
+		    splice->faults->list[i].detail);
+	if (splice->err)
+		return splice->err;
+	b->invalid = b->invalid || splice->invalid;
+	b->points = *splice->points;
+	*splice->points = (struct points){0};
+	b->text.cursor++;
+	b->text.resumed = splice->behind;
+	b->text.resumed.at = b->text.cursor;
+	return ERR_OK;
+}
+
 /* Of wrong points the first fault is told; reading goes on behind them. */
 static enum err read_points(struct body *b, const struct json_place *place)
 {
-	const char *const start = b->text.cursor;
+	const char *start;
 	enum err err;
 
+	json_space(&b->text);
+	start = b->text.cursor;
+	if (b->splice && b->splice->at == start)
+		return take_points(b);
 	err = points_read(&b->text, "/points", b->max_points, &b->points,
 	    b->faults);
 	if (err != ERR_INVALID)
@@ -283,12 +309,13 @@ static struct json_text body_text(const char *text, size_t length,
 	    SIZE_MAX : most + VALUES_BESIDE, arena);
 }
 
-enum err eval_request_parse(const char *text, size_t length, bool with_scene,
+enum err eval_splice_parse(const char *text, size_t length,
+    const struct eval_splice *splice, bool with_scene,
     unsigned default_outputs, const struct document_limits *limits,
     size_t max_points, struct eval_request *out, struct faults *faults)
 {
 	struct body b = {.text = body_text(text, length, limits, &b.arena),
-	    .with_scene = with_scene, .max_points = max_points,
+	    .splice = splice, .with_scene = with_scene, .max_points = max_points,
 	    .limits = limits, .faults = faults, .outputs = default_outputs};
 	struct document *document = NULL;
 	enum err err, members;
@@ -313,4 +340,12 @@ fail:
 	points_fini(&b.points);
 	arena_fini(&b.arena);
 	return err;
+}
+
+enum err eval_request_parse(const char *text, size_t length, bool with_scene,
+    unsigned default_outputs, const struct document_limits *limits,
+    size_t max_points, struct eval_request *out, struct faults *faults)
+{
+	return eval_splice_parse(text, length, NULL, with_scene,
+	    default_outputs, limits, max_points, out, faults);
 }

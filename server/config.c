@@ -166,6 +166,38 @@ static bool read_volume_memory(const char *value, struct config *config,
 	return read_size(value, &config->device.volume_bytes, why);
 }
 
+static bool read_cache(const char *value, struct config *config,
+    const char **why)
+{
+	*why = "a folder's name, not too long";
+	if (value[0] == '\0' || strlen(value) >= sizeof config->cache)
+		return false;
+	strcpy(config->cache, value);
+	return true;
+}
+
+static bool read_no_cache(const char *value, struct config *config,
+    const char **why)
+{
+	(void)value, (void)why;
+	config->cache[0] = '\0';
+	return true;
+}
+
+static bool read_cache_size(const char *value, struct config *config,
+    const char **why)
+{
+	return read_size(value, &config->cache_size, why);
+}
+
+static bool read_fill_cache(const char *value, struct config *config,
+    const char **why)
+{
+	(void)value, (void)why;
+	config->fill_cache = true;
+	return true;
+}
+
 static bool read_layout(const char *value, struct config *config,
     const char **why)
 {
@@ -213,11 +245,11 @@ static bool read_quiet(const char *value, struct config *config,
 static const struct option options[] = {
 	{"listen", "HOST:PORT", read_listen,
 	    "where to listen (127.0.0.1:7878); port 0 picks a free one"},
-	{"max-body", "BYTES", read_max_body, "largest request body (64M)"},
+	{"max-body", "BYTES", read_max_body, "largest request body (128M)"},
 	{"max-points", "N", read_max_points,
-	    "most points in one evaluation (4000000)"},
+	    "most points in one evaluation (8000000)"},
 	{"max-nodes", "N", read_max_nodes,
-	    "most nodes in one document, references expanded (10000)"},
+	    "most nodes in one document, references expanded (32768)"},
 	{"max-scenes", "N", read_max_scenes, "most scenes kept (1024)"},
 	{"scene-memory", "BYTES", read_scene_memory,
 	    "most memory for the scenes kept (1G)"},
@@ -234,6 +266,12 @@ static const struct option options[] = {
 	    "most memory for volumes, also on the device (256M)"},
 	{"layout", "LAYOUT", read_layout,
 	    "table layout for operators: warped or uniform (warped)"},
+	{"cache", "DIR", read_cache,
+	    "where tables and kernels are kept (~/.cache/blobfield)"},
+	{"no-cache", NULL, read_no_cache, "keep nothing from start to start"},
+	{"cache-size", "BYTES", read_cache_size, "most bytes kept there (1G)"},
+	{"fill-cache", NULL, read_fill_cache,
+	    "put the device's kernels there and exit"},
 	{"list-devices", NULL, read_list_devices,
 	    "list the OpenCL devices and exit"},
 	{"no-measure", NULL, read_no_measure,
@@ -304,14 +342,33 @@ static bool read_option(int argc, char **argv, int *i, struct config *config)
 	return true;
 }
 
+/*
+ * The XDG Base Directory Specification's: $XDG_CACHE_HOME counts if it is
+ * absolute. Without a home there is no cache.
+ */
+static void set_default_cache(struct config *config)
+{
+	const char *cache = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
+	int length = 0;
+
+	if (cache != NULL && cache[0] == '/')
+		length = snprintf(config->cache, sizeof config->cache,
+		    "%s/blobfield", cache);
+	else if (home != NULL && home[0] == '/')
+		length = snprintf(config->cache, sizeof config->cache,
+		    "%s/.cache/blobfield", home);
+	if (length >= (int)sizeof config->cache)
+		config->cache[0] = '\0';
+}
+
 static void set_defaults(struct config *config)
 {
 	*config = (struct config){
 		.host = "127.0.0.1",
 		.port = "7878",
-		.max_body = (size_t)64 << 20,
-		.max_points = 4000000,
-		.max_nodes = 10000,
+		.max_body = (size_t)128 << 20,
+		.max_points = 8000000,
+		.max_nodes = 32768,
 		.max_scenes = 1024,
 		.scene_memory = (size_t)1 << 30,
 		.queue = 256,
@@ -321,6 +378,8 @@ static void set_defaults(struct config *config)
 	};
 	config->device.table_bytes = (size_t)256 << 20;
 	config->device.volume_bytes = (size_t)256 << 20;
+	config->cache_size = (size_t)1 << 30;
+	set_default_cache(config);
 }
 
 enum config_outcome config_parse(int argc, char **argv, struct config *out)

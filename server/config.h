@@ -20,7 +20,11 @@ struct config {
 	size_t max_scenes;
 	size_t scene_memory;      /* bytes of all scenes: texts and tapes */
 	size_t queue;             /* evaluations waiting at most */
-	struct device_options device; /* select points into argv */
+	struct device_options device; /* select points into argv, cache to
+	                               * the member below */
+	char cache[1024];         /* a folder; "": nothing is kept */
+	size_t cache_size;        /* bytes of what is kept there */
+	bool fill_cache;          /* with the device's kernels, and nothing else */
 	enum table_layout layout; /* for operators that do not say */
 	bool measure;             /* tables' errors, in the background */
 	bool list_devices;        /* and nothing else */

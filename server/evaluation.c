@@ -5,48 +5,15 @@
 #include <string.h>
 
 #include "core/output.h"
-#include "proto/answer.h"
 #include "proto/document.h"
 #include "proto/fault.h"
+#include "server/clock.h"
 #include "server/config.h"
-#include "server/etag.h"
+#include "server/evaluation_internal.h"
 #include "server/exchange.h"
 #include "server/program.h"
 #include "server/scheduler.h"
 #include "server/server.h"
-
-/* An exchange's state while it waits. */
-struct evaluation {
-	struct job job;
-	struct points points;
-	enum media_type accept;
-	char etag[ETAG_SIZE]; /* "": none */
-};
-
-bool evaluation_check_accept(struct exchange *x, enum media_type *out)
-{
-	const char *accept = exchange_header(x, "Accept");
-
-	if (media_from_accept(accept, out))
-		return true;
-	exchange_reply_problem(x, PROBLEM_NOT_ACCEPTABLE, NULL,
-	    "Accept is '%.100s'; this resource answers %s, %s or %s.", accept,
-	    media_name(MEDIA_JSON), media_name(MEDIA_OCTETS),
-	    media_name(MEDIA_NPY));
-	return false;
-}
-
-bool evaluation_check_outputs(struct exchange *x, unsigned *out)
-{
-	struct faults faults = {0};
-	enum err err = outputs_from_list(exchange_query(x, "outputs"),
-	    "?outputs", out, &faults);
-
-	if (err == ERR_OK)
-		return true;
-	evaluation_reply_faults(x, err, &faults);
-	return false;
-}
 
 void evaluation_reply_faults(struct exchange *x, enum err err,
     const struct faults *faults)
@@ -102,100 +69,123 @@ bool evaluation_compile(struct exchange *x, const char *pointer,
 	return false;
 }
 
-static void evaluation_free(void *state, struct server *server)
-{
-	struct evaluation *e = state;
+/* ---- life ---- */
 
-	scheduler_release(server->scheduler, e->job.program);
+static void let_go(struct evaluation *e)
+{
+	if (atomic_fetch_sub(&e->holders, 1) != 1)
+		return;
+	scheduler_release(e->server->scheduler, e->job.program);
+	evaluation_answer_fini(e);
 	points_fini(&e->points);
 	free(e->job.rows);
+	pthread_mutex_destroy(&e->lock);
 	free(e);
 }
 
-/* ---- the answer ---- */
-
-static void reply_json(struct exchange *x, struct evaluation *e)
+/* The exchange is over, perhaps before the job. */
+static void leave(void *state, struct server *server)
 {
-	size_t length;
-	char *text;
-	unsigned flags = (e->points.flat ? ANSWER_FLAT : 0) |
-	    (e->job.is_draft ? ANSWER_DRAFT : 0);
-	enum err err = answer_json(e->job.rows, e->job.count, e->job.outputs,
-	    flags, &text, &length);
+	struct evaluation *e = state;
+	bool is_done;
 
-	if (err == ERR_OK)
-		exchange_reply_data(x, 200, MEDIA_JSON, text, length);
-	else
-		exchange_reply_problem(x, problem_from_err(err), NULL,
-		    "The answer could not be written: %s.", err_message(err));
+	pthread_mutex_lock(&e->lock);
+	e->x = NULL;
+	is_done = e->is_done;
+	pthread_mutex_unlock(&e->lock);
+	if (!is_done)
+		scheduler_continue(server->scheduler);
+	let_go(e);
 }
 
-static void reply_rows(struct exchange *x, struct evaluation *e)
+/* Has the exchange go on, if it waits. Locked. */
+static void wake(struct evaluation *e)
 {
-	int columns = output_row_floats(e->job.outputs);
-	size_t length = e->job.count * (size_t)columns * sizeof(float);
-	char header[ANSWER_NPY_HEADER_MAX];
-	size_t header_length;
-
-	if (e->accept == MEDIA_NPY) {
-		header_length = answer_npy_header(e->job.count, columns,
-		    header);
-		exchange_reply_two(x, MEDIA_NPY, header, header_length,
-		    e->job.rows, length);
-	} else {
-		exchange_reply_data(x, 200, MEDIA_OCTETS, e->job.rows, length);
-	}
-	e->job.rows = NULL;
-}
-
-static void reply_failure(struct exchange *x, const struct evaluation *e)
-{
-	enum err err = e->job.result;
-
-	if (err == ERR_CANCELLED && !exchange_is_connected(x))
-		exchange_reply_nothing(x);
-	else if (err == ERR_CANCELLED)
-		exchange_reply_problem(x, PROBLEM_DRAINING, NULL,
-		    "The server is shutting down; the evaluation was given "
-		    "up.");
-	else
-		exchange_reply_problem(x, problem_from_err(err), NULL,
-		    "The evaluation failed: %s%s%s.", err_message(err),
-		    e->job.message[0] != '\0' ? ": " : "", e->job.message);
-}
-
-static void answer(struct exchange *x)
-{
-	struct evaluation *e = x->state;
-
-	if (e->job.result != ERR_OK)
-		reply_failure(x, e);
-	else if (e->accept == MEDIA_JSON)
-		reply_json(x, e);
-	else
-		reply_rows(x, e);
-	if (e->job.result == ERR_OK && e->job.is_draft)
-		exchange_add_header(x, "Blobfield-Draft", "true");
-	if (e->etag[0] != '\0')
-		exchange_add_header(x, "ETag", e->etag);
+	if (!e->is_suspended || e->x == NULL)
+		return;
+	e->is_suspended = false;
+	exchange_resume(e->x);
 }
 
 /* ---- the scheduler's calls ---- */
 
 static void park(void *ctx)
 {
-	exchange_wait(ctx);
-}
+	struct evaluation *e = ctx;
 
-static void done(void *ctx)
-{
-	exchange_resume(ctx);
+	pthread_mutex_lock(&e->lock);
+	e->is_suspended = true;
+	exchange_wait(e->x);
+	pthread_mutex_unlock(&e->lock);
 }
 
 static bool wanted(void *ctx)
 {
-	return exchange_is_connected(ctx);
+	struct evaluation *e = ctx;
+	bool is_wanted;
+
+	pthread_mutex_lock(&e->lock);
+	is_wanted = e->x != NULL && exchange_is_connected(e->x);
+	pthread_mutex_unlock(&e->lock);
+	return is_wanted;
 }
+
+/* Takes rows over. Locked. */
+static void hold_piece(struct evaluation *e, float *rows, size_t count)
+{
+	size_t columns = (size_t)output_row_floats(e->job.outputs);
+
+	if (e->x == NULL || e->held == PIECES_ROOM) {
+		e->overrun = e->held == PIECES_ROOM;
+		free(rows);
+		return;
+	}
+	e->pieces[(e->first + e->held++) % PIECES_ROOM] = (struct piece){
+		rows, count * columns * sizeof *rows};
+	e->is_draft = e->job.is_draft;
+}
+
+static void take_piece(void *ctx, float *rows, size_t first, size_t count)
+{
+	struct evaluation *e = ctx;
+
+	(void)first;
+	pthread_mutex_lock(&e->lock);
+	hold_piece(e, rows, count);
+	wake(e);
+	pthread_mutex_unlock(&e->lock);
+}
+
+static bool has_room(void *ctx)
+{
+	struct evaluation *e = ctx;
+	bool has;
+
+	pthread_mutex_lock(&e->lock);
+	has = e->x == NULL || e->held < PIECES_HELD;
+	pthread_mutex_unlock(&e->lock);
+	return has;
+}
+
+static void done(void *ctx)
+{
+	struct evaluation *e = ctx;
+
+	points_fini(&e->points);
+	e->finished = clock_seconds();
+	pthread_mutex_lock(&e->lock);
+	if (e->in_pieces && e->job.rows != NULL) {
+		hold_piece(e, e->job.rows, e->job.count);
+		e->job.rows = NULL;
+	}
+	e->is_draft = e->job.is_draft;
+	e->is_done = true;
+	wake(e);
+	pthread_mutex_unlock(&e->lock);
+	let_go(e);
+}
+
+/* ---- the beginning ---- */
 
 static void reply_refusal(struct exchange *x, enum err err)
 {
@@ -205,43 +195,103 @@ static void reply_refusal(struct exchange *x, enum err err)
 	else if (err == ERR_MEMORY)
 		exchange_reply_problem(x, PROBLEM_MEMORY, NULL,
 		    "There was no memory for the evaluation.");
+	else if (err == ERR_DEADLINE)
+		exchange_reply_problem(x, PROBLEM_DEADLINE, NULL,
+		    "The deadline passed while the request arrived, which "
+		    "took %.3f s.", clock_seconds() - x->begun);
 	else
 		exchange_reply_problem(x, PROBLEM_DRAINING, NULL,
 		    "The server is shutting down and takes no new work.");
 }
 
-void evaluation_begin(struct exchange *x,
+static enum job_priority job_priority(enum evaluation_priority priority,
+    size_t count)
+{
+	if (priority == EVALUATION_BY_SIZE)
+		priority = count <= EVALUATION_SMALL_POINTS ?
+		    EVALUATION_INTERACTIVE : EVALUATION_BULK;
+	return priority == EVALUATION_BULK ? JOB_BULK : JOB_INTERACTIVE;
+}
+
+static bool is_large(size_t count, unsigned outputs)
+{
+	return count > EVALUATION_SMALL_POINTS && count * sizeof(float) *
+	    (size_t)output_row_floats(outputs) > EVALUATION_SMALL_BYTES;
+}
+
+static struct evaluation *create(struct exchange *x,
     const struct evaluation_request *request)
 {
+	const struct evaluation_terms *terms = request->terms;
+	size_t count = request->points->count;
 	struct evaluation *e = calloc(1, sizeof *e);
-	enum err err;
 
-	if (e == NULL) {
-		scheduler_release(x->server->scheduler, request->program);
-		exchange_reply_problem(x, PROBLEM_MEMORY, NULL,
-		    "There was no memory for the evaluation.");
-		return;
-	}
+	if (e == NULL)
+		return NULL;
+	pthread_mutex_init(&e->lock, NULL);
+	atomic_init(&e->holders, 1);
+	e->server = x->server;
+	e->x = x;
 	e->points = *request->points;
 	*request->points = (struct points){0};
-	e->accept = request->accept;
+	e->flat = e->points.flat;
+	e->accept = terms->accept;
+	e->is_large = is_large(count, request->outputs);
+	e->in_pieces = e->is_large && e->accept != MEDIA_JSON;
+	e->begun = x->begun;
 	if (request->etag != NULL)
 		strcpy(e->etag, request->etag);
 	e->job = (struct job){
 		.program = request->program,
 		.points = e->points.xyz,
-		.count = e->points.count,
+		.count = count,
 		.outputs = request->outputs,
+		.priority = job_priority(terms->priority, count),
+		.deadline = terms->deadline > 0.0 ?
+		    x->begun + terms->deadline : 0.0,
+		.piece = e->in_pieces ? take_piece : NULL,
+		.has_room = e->in_pieces ? has_room : NULL,
 		.park = park,
 		.done = done,
 		.wanted = wanted,
-		.ctx = x,
+		.ctx = e,
 	};
-	x->state = e;
-	x->state_free = evaluation_free;
-	x->resumed = answer;
-	exchange_release_body(x);
-	err = scheduler_submit(x->server->scheduler, &e->job);
+	return e;
+}
+
+/* As scheduler_submit. */
+static enum err submit(struct evaluation *e)
+{
+	enum err err;
+
+	e->submitted = clock_seconds();
+	if (e->job.deadline > 0.0 && e->submitted > e->job.deadline)
+		return ERR_DEADLINE;
+	atomic_fetch_add(&e->holders, 1);
+	err = scheduler_submit(e->server->scheduler, &e->job);
 	if (err != ERR_OK)
-		reply_refusal(x, err);
+		atomic_fetch_sub(&e->holders, 1);
+	return err;
+}
+
+void evaluation_begin(struct exchange *x,
+    const struct evaluation_request *request)
+{
+	struct evaluation *e = create(x, request);
+	enum err err;
+
+	if (e == NULL) {
+		scheduler_release(x->server->scheduler, request->program);
+		reply_refusal(x, ERR_MEMORY);
+		return;
+	}
+	x->state = e;
+	x->state_free = leave;
+	x->resumed = evaluation_answer;
+	exchange_release_body(x);
+	err = submit(e);
+	if (err == ERR_OK)
+		return;
+	e->is_done = true; /* nobody else has it */
+	reply_refusal(x, err);
 }

@@ -1,5 +1,7 @@
 /*
  * What both evaluation handlers share: from a program and points to an answer.
+ * Small answers leave whole. Large ones leave as they are made: rows in the
+ * pieces that the device hands over, JSON printed from all rows.
  */
 #ifndef SERVER_EVALUATION_H
 #define SERVER_EVALUATION_H
@@ -14,11 +16,26 @@ struct exchange;
 struct faults;
 struct program;
 
-/* The media type that x's Accept asks for, in *out; or answers 406: false. */
-bool evaluation_check_accept(struct exchange *x, enum media_type *out);
+/* Batches up to this many points are interactive unless they say otherwise,
+ * and their answers leave whole. */
+#define EVALUATION_SMALL_POINTS 65536
 
-/* The outputs that x's query asks for, in *out; or answers 422: false. */
-bool evaluation_check_outputs(struct exchange *x, unsigned *out);
+/* So do answers of up to so many bytes of rows. */
+#define EVALUATION_SMALL_BYTES ((size_t)4 << 20)
+
+enum evaluation_priority {
+	EVALUATION_BY_SIZE,
+	EVALUATION_INTERACTIVE,
+	EVALUATION_BULK
+};
+
+/* What a request's head asks for. */
+struct evaluation_terms {
+	enum media_type accept;
+	unsigned outputs;        /* OUTPUT_*, if the body says nothing */
+	enum evaluation_priority priority;
+	double deadline;         /* seconds from its beginning; 0: none */
+};
 
 /*
  * Compiles document, of which it takes the tape, into *out, for
@@ -36,11 +53,12 @@ struct evaluation_request {
 	struct program *program; /* a reference, taken over */
 	struct points *points;   /* taken over, left empty */
 	unsigned outputs;
-	enum media_type accept;
+	const struct evaluation_terms *terms;
 	const char *etag;        /* of the revision; NULL: none */
 };
 
-/* Queues the evaluation and has x wait for it; or answers x at once. */
+/* Queues the evaluation and has x wait for it; or answers x at once. Releases
+ * x's body, and the terms with it. */
 void evaluation_begin(struct exchange *x,
     const struct evaluation_request *request);
 

@@ -12,8 +12,13 @@
 #include <cjson/cJSON.h>
 
 #include "proto/answer.h"
+#include "server/clock.h"
 #include "server/http.h"
 #include "server/server.h"
+
+/* What is read of a streamed answer at a time: large enough for few system
+ * calls, small enough to stay in a core's cache on its way. */
+#define STREAM_BLOCK ((size_t)128 << 10)
 
 /* ---- the request ---- */
 
@@ -83,6 +88,9 @@ const char *exchange_query(struct exchange *x, const char *name)
 void exchange_release_body(struct exchange *x)
 {
 	http_return_bytes(x->server->http, x->body_size);
+	if (x->sink != NULL)
+		x->sink->free(x->sink);
+	x->sink = NULL;
 	free(x->body);
 	x->body = NULL;
 	x->body_length = x->body_size = 0;
@@ -145,6 +153,13 @@ void exchange_wait(struct exchange *x)
 void exchange_resume(struct exchange *x)
 {
 	MHD_resume_connection(x->connection);
+}
+
+void exchange_pause(struct exchange *x)
+{
+	x->paused = clock_seconds();
+	http_set_deadline(x, HTTP_NO_DEADLINE);
+	MHD_suspend_connection(x->connection);
 }
 
 bool exchange_is_connected(const struct exchange *x)
@@ -259,6 +274,38 @@ void exchange_reply_borrowed(struct exchange *x, unsigned status,
 	if (response == NULL)
 		release(owner);
 	reply(x, status, response, length);
+	exchange_add_header(x, "Content-Type", media_name(type));
+}
+
+/* The time that it waited is not the client's. */
+static void end_pause(struct exchange *x)
+{
+	if (x->paused == 0.0)
+		return;
+	x->deadline += clock_seconds() - x->paused;
+	x->paused = 0.0;
+	http_set_deadline(x, x->deadline);
+}
+
+static ssize_t read_stream(void *ctx, uint64_t at, char *out, size_t size)
+{
+	struct exchange *x = ctx;
+	ptrdiff_t n;
+
+	end_pause(x);
+	n = x->stream.read(x->stream.ctx, out, size);
+	x->answer_length = (size_t)at + (n > 0 ? (size_t)n : 0);
+	return n == EXCHANGE_END ? MHD_CONTENT_READER_END_OF_STREAM :
+	    n == EXCHANGE_CUT ? MHD_CONTENT_READER_END_WITH_ERROR : n;
+}
+
+void exchange_reply_stream(struct exchange *x, enum media_type type,
+    const struct exchange_stream *stream)
+{
+	x->stream = *stream;
+	reply(x, MHD_HTTP_OK, MHD_create_response_from_callback(
+	    stream->has_length ? stream->length : MHD_SIZE_UNKNOWN,
+	    STREAM_BLOCK, read_stream, x, NULL), stream->length);
 	exchange_add_header(x, "Content-Type", media_name(type));
 }
 

@@ -26,15 +26,49 @@ struct server;
 #define EXCHANGE_TARGET_MAX 256
 #define EXCHANGE_JOINED_MAX 8
 
+/*
+ * Where a body goes as it arrives, instead of to memory as a whole: the first
+ * member of what it is of.
+ */
+struct sink {
+	/* False: nothing that follows matters; the handler will say why. */
+	bool (*feed)(struct sink *sink, const char *data, size_t length);
+	size_t (*bytes)(const struct sink *sink); /* of memory held */
+	void (*free)(struct sink *sink);
+};
+
+/*
+ * An answer that is written as it leaves: read puts the next bytes, at most
+ * size of them, and returns how many; or EXCHANGE_PAUSED after exchange_pause,
+ * EXCHANGE_END behind the last, or EXCHANGE_CUT: the connection is cut, for the
+ * client to see that something is missing. It runs on the HTTP thread. ctx
+ * lives until x->state_free.
+ */
+enum exchange_read {
+	EXCHANGE_PAUSED = 0,
+	EXCHANGE_END = -1,
+	EXCHANGE_CUT = -2
+};
+
+struct exchange_stream {
+	ptrdiff_t (*read)(void *ctx, char *out, size_t size);
+	void *ctx;
+	bool has_length;  /* length is what there will be, else about that */
+	size_t length;
+};
+
 struct exchange {
 	struct server *server;
 	const struct route *route;
 	const char *method;
 	char id[EXCHANGE_ID_MAX + 1]; /* what stands for {id} in the path */
 
-	/* The body, complete when the handler is called; body_release frees. */
+	/* The body, complete when the handler is called, which may free it with
+	 * exchange_release_body. */
 	char *body;
 	size_t body_length;
+	struct sink *sink; /* what it went to instead, if route->open said so */
+	size_t promised;   /* its length by Content-Length, or 0 */
 
 	/* A handler that waits sets these; state_free is called at the end. */
 	void *state;
@@ -53,9 +87,13 @@ struct exchange {
 	bool hung_up;        /* answer nothing, close */
 	bool refused_midway; /* answered while the body was arriving */
 	bool discard;        /* the body is of no interest */
-	size_t body_size;    /* allocated */
+	bool is_fed_up;      /* sink->feed has said so */
+	size_t body_size;    /* memory accounted for */
 	size_t body_seen;    /* bytes that have arrived */
-	double begun;
+	struct exchange_stream stream;
+	double begun;        /* when the request line came, clock_seconds */
+	double deadline;     /* of the answer */
+	double paused;       /* when exchange_pause was called, or 0 */
 	char target[EXCHANGE_TARGET_MAX]; /* path and query as sent, for the log */
 	size_t target_length;             /* uncut */
 	const char *target_end;           /* in libmicrohttpd's memory */
@@ -90,8 +128,18 @@ bool exchange_check_content_type(struct exchange *x, unsigned mask,
 void exchange_wait(struct exchange *x);
 void exchange_resume(struct exchange *x);
 
-/* Whether the client's connection still stands; any thread, while waiting. */
+/*
+ * Whether the client's connection still stands; any thread, as long as x is not
+ * over.
+ */
 bool exchange_is_connected(const struct exchange *x);
+
+/*
+ * For exchange_stream.read: takes the connection out of HTTP's hands until
+ * exchange_resume, which is not to come before this returns. The answer's
+ * deadline stands still.
+ */
+void exchange_pause(struct exchange *x);
 
 /* ---- the answer: exactly one of these, then headers ---- */
 
@@ -111,6 +159,9 @@ void exchange_reply_two(struct exchange *x, enum media_type type,
 void exchange_reply_borrowed(struct exchange *x, unsigned status,
     enum media_type type, const void *data, size_t length,
     void (*release)(void *owner), void *owner);
+
+void exchange_reply_stream(struct exchange *x, enum media_type type,
+    const struct exchange_stream *stream);
 
 void exchange_reply_empty(struct exchange *x, unsigned status);
 

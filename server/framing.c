@@ -14,6 +14,8 @@ enum counted {
 	CONTENT_LENGTH,
 	TRANSFER_ENCODING,
 	CONTENT_TYPE,
+	ONCE,             /* those above may come once only */
+	CONTENT_ENCODING = ONCE,
 	COUNTED
 };
 
@@ -22,17 +24,24 @@ static const char *const names[COUNTED] = {
 	[CONTENT_LENGTH] = "Content-Length",
 	[TRANSFER_ENCODING] = "Transfer-Encoding",
 	[CONTENT_TYPE] = "Content-Type",
+	[CONTENT_ENCODING] = "Content-Encoding",
+};
+
+/* One of them: how often it came, and the first value, NULL if it has none. */
+struct header {
+	unsigned count;
+	const char *value;
 };
 
 static enum MHD_Result count(void *ctx, enum MHD_ValueKind kind,
     const char *key, const char *value)
 {
-	unsigned *counts = ctx;
+	struct header *headers = ctx;
 
-	(void)kind, (void)value;
+	(void)kind;
 	for (int i = 0; i < COUNTED; i++) {
-		if (strcasecmp(key, names[i]) == 0)
-			counts[i]++;
+		if (strcasecmp(key, names[i]) == 0 && headers[i].count++ == 0)
+			headers[i].value = value;
 	}
 	return MHD_YES;
 }
@@ -44,36 +53,37 @@ static bool refuse(struct exchange *x, enum problem problem,
 	return false;
 }
 
-static bool check_counts(struct exchange *x, const char *version)
+static bool check_counts(struct exchange *x, const char *version,
+    const struct header headers[static COUNTED])
 {
-	unsigned counts[COUNTED] = {0};
-
-	MHD_get_connection_values(x->connection, MHD_HEADER_KIND, count,
-	    counts);
-	if (strcmp(version, "HTTP/1.1") == 0 && counts[HOST] == 0)
+	if (strcmp(version, "HTTP/1.1") == 0 && headers[HOST].count == 0)
 		return refuse(x, PROBLEM_MALFORMED,
 		    "An HTTP/1.1 request needs a Host header.");
-	for (int i = 0; i < COUNTED; i++) {
-		if (counts[i] < 2)
+	for (int i = 0; i < ONCE; i++) {
+		if (headers[i].count < 2)
 			continue;
 		exchange_reply_problem(x, PROBLEM_MALFORMED, NULL,
 		    "There is more than one %s header.", names[i]);
 		return false;
 	}
-	if (counts[CONTENT_LENGTH] > 0 && counts[TRANSFER_ENCODING] > 0)
+	if (headers[CONTENT_LENGTH].count > 0 &&
+	    headers[TRANSFER_ENCODING].count > 0)
 		return refuse(x, PROBLEM_MALFORMED, "Content-Length and "
 		    "Transfer-Encoding exclude each other.");
 	return true;
 }
 
-static bool check_encodings(struct exchange *x)
+static bool check_encodings(struct exchange *x,
+    const struct header headers[static COUNTED])
 {
-	const char *transfer = exchange_header(x, "Transfer-Encoding");
-	const char *content = exchange_header(x, "Content-Encoding");
+	const char *transfer = headers[TRANSFER_ENCODING].value;
+	const char *content = headers[CONTENT_ENCODING].value;
 
 	if (transfer != NULL && strcasecmp(transfer, "chunked") != 0)
 		return refuse(x, PROBLEM_NOT_IMPLEMENTED,
 		    "The only Transfer-Encoding known here is chunked.");
+	if (headers[CONTENT_ENCODING].count > 1)
+		content = exchange_header(x, names[CONTENT_ENCODING]);
 	if (content != NULL && content[0] != '\0' &&
 	    strcasecmp(content, "identity") != 0) {
 		exchange_reply_problem(x, PROBLEM_MEDIA_TYPE, NULL,
@@ -85,9 +95,8 @@ static bool check_encodings(struct exchange *x)
 	return true;
 }
 
-static bool check_length(struct exchange *x)
+static bool check_length(struct exchange *x, const char *text)
 {
-	const char *text = exchange_header(x, "Content-Length");
 	size_t most = x->server->config->max_body;
 	unsigned long long length;
 	char *end;
@@ -99,8 +108,10 @@ static bool check_length(struct exchange *x)
 	if (strspn(text, "0123456789") != strlen(text) || text[0] == '\0')
 		return refuse(x, PROBLEM_MALFORMED,
 		    "Content-Length is not a number.");
-	if (errno == 0 && length <= most)
+	if (errno == 0 && length <= most) {
+		x->promised = (size_t)length;
 		return true;
+	}
 	exchange_reply_problem(x, PROBLEM_TOO_LARGE, NULL,
 	    "The body has %.30s bytes; this server takes %zu at most.", text,
 	    most);
@@ -109,10 +120,15 @@ static bool check_length(struct exchange *x)
 
 bool framing_check(struct exchange *x, const char *version)
 {
+	struct header headers[COUNTED] = {{0, NULL}};
+
 	if (strcmp(version, "HTTP/1.1") != 0 &&
 	    strcmp(version, "HTTP/1.0") != 0)
 		return refuse(x, PROBLEM_VERSION,
 		    "This server speaks HTTP/1.1 and HTTP/1.0.");
-	return check_counts(x, version) && check_encodings(x) &&
-	    check_length(x);
+	MHD_get_connection_values(x->connection, MHD_HEADER_KIND, count,
+	    headers);
+	return check_counts(x, version, headers) &&
+	    check_encodings(x, headers) &&
+	    check_length(x, headers[CONTENT_LENGTH].value);
 }

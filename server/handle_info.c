@@ -4,6 +4,7 @@
 
 #include "server/clock.h"
 #include "server/config.h"
+#include "server/evaluation.h"
 #include "server/exchange.h"
 #include "server/handlers.h"
 #include "server/routes.h"
@@ -73,23 +74,39 @@ static void add_limits(cJSON *json, const struct config *config)
 	cJSON_AddNumberToObject(limits, "volume_memory",
 	    (double)config->device.volume_bytes);
 	cJSON_AddNumberToObject(limits, "queue", (double)config->queue);
+	cJSON_AddNumberToObject(limits, "interactive_points",
+	    EVALUATION_SMALL_POINTS);
+	cJSON_AddNumberToObject(limits, "whole_answer",
+	    (double)EVALUATION_SMALL_BYTES);
 }
 
-static void add_figures(cJSON *json, const struct scheduler_stats *stats,
+static void add_tables(cJSON *json, const struct scheduler_stats *stats,
     const struct config *config)
 {
 	cJSON *tables = cJSON_AddObjectToObject(json, "tables");
-	cJSON *queue = cJSON_AddObjectToObject(json, "queue");
 
 	cJSON_AddNumberToObject(tables, "bytes", (double)stats->table_bytes);
 	cJSON_AddNumberToObject(tables, "max_bytes",
 	    (double)config->device.table_bytes);
 	cJSON_AddStringToObject(tables, "layout",
 	    operator_layout_name(config->layout));
+}
+
+static void add_queue(cJSON *json, const struct scheduler_stats *stats)
+{
+	cJSON *queue = cJSON_AddObjectToObject(json, "queue");
+
 	cJSON_AddNumberToObject(queue, "waiting", (double)stats->waiting);
 	cJSON_AddNumberToObject(queue, "running", (double)stats->running);
 	cJSON_AddNumberToObject(queue, "completed", (double)stats->completed);
 	cJSON_AddNumberToObject(queue, "points", (double)stats->points);
+	cJSON_AddNumberToObject(queue, "launches", (double)stats->launches);
+	cJSON_AddNumberToObject(queue, "batched", (double)stats->batched);
+	cJSON_AddNumberToObject(queue, "expired", (double)stats->expired);
+	cJSON_AddNumberToObject(queue, "abandoned", (double)stats->abandoned);
+	cJSON_AddNumberToObject(queue, "interactive_s",
+	    stats->seconds[JOB_INTERACTIVE]);
+	cJSON_AddNumberToObject(queue, "bulk_s", stats->seconds[JOB_BULK]);
 }
 
 static void add_volumes(cJSON *json, const struct server *server)
@@ -119,7 +136,8 @@ void handle_info(struct exchange *x)
 	cJSON_AddBoolToObject(json, "ready", stats.ready);
 	add_device(json, &stats.device);
 	add_limits(json, server->config);
-	add_figures(json, &stats, server->config);
+	add_tables(json, &stats, server->config);
+	add_queue(json, &stats);
 	cJSON_AddNumberToObject(json, "scenes",
 	    (double)scene_store_count(server->scenes));
 	add_volumes(json, server);

@@ -2,7 +2,8 @@
  * Who owns what: an exchange is made when its request line has arrived and
  * freed only in the completion callback. An exchange that waits is suspended:
  * libmicrohttpd leaves it alone until exchange_resume, then calls the access
- * handler again. A connection is in the list from its start to its close;
+ * handler again; or, for one that is paused in the middle of its answer, the
+ * answer's reader. A connection is in the list from its start to its close;
  * the list's lock is what makes shutting its socket from http_reap safe.
  */
 #include "server/http.h"
@@ -282,7 +283,8 @@ static enum MHD_Result send_answer(struct exchange *x)
 	owe(x);
 	if (atomic_load(&x->server->draining))
 		exchange_add_header(x, "Connection", "close");
-	http_set_deadline(x, deadline_for(x->answer_length));
+	x->deadline = deadline_for(x->answer_length);
+	http_set_deadline(x, x->deadline);
 	result = MHD_queue_response(x->connection, x->status, x->response);
 	MHD_destroy_response(x->response);
 	x->response = NULL;
@@ -399,6 +401,8 @@ static enum MHD_Result begin(struct exchange *x, const char *method,
 		return send_answer(x);
 	if (check_target(x, path)) {
 		x->discard = !x->route->has_body;
+		if (x->route->open != NULL)
+			x->route->open(x);
 		return MHD_YES;
 	}
 	/* What is queued now closes the connection; without a body the next
@@ -449,13 +453,12 @@ static bool make_room(struct exchange *x, size_t length)
 	size_t need = x->body_length + length;
 	size_t size = x->body_size > 0 ? 2 * x->body_size : BODY_FIRST;
 	size_t most = x->server->config->max_body;
-	const char *promise = exchange_header(x, "Content-Length");
 	char *body;
 
 	if (need <= x->body_size)
 		return true;
-	if (promise != NULL)
-		most = strtoull(promise, NULL, 10);
+	if (x->promised > 0)
+		most = x->promised;
 	size = size > most ? most : size;
 	size = size < need ? need : size;
 	if (!http_take_bytes(x->server->http, size - x->body_size))
@@ -468,6 +471,44 @@ static bool make_room(struct exchange *x, size_t length)
 	x->body = body;
 	x->body_size = size;
 	return true;
+}
+
+/* Keeps what has arrived; false: there is no room. */
+static bool keep(struct exchange *x, const char *data, size_t length)
+{
+	if (!make_room(x, length))
+		return false;
+	memcpy(x->body + x->body_length, data, length);
+	x->body_length += length;
+	return true;
+}
+
+/* The same with a sink, which has room by itself, but must not have all. */
+static bool feed(struct exchange *x, const char *data, size_t length)
+{
+	struct sink *sink = x->sink;
+	size_t size;
+
+	if (x->is_fed_up)
+		return true;
+	x->is_fed_up = !sink->feed(sink, data, length);
+	size = sink->bytes(sink);
+	if (size > x->body_size &&
+	    !http_take_bytes(x->server->http, size - x->body_size))
+		return false;
+	if (size < x->body_size)
+		http_return_bytes(x->server->http, x->body_size - size);
+	x->body_size = size;
+	return true;
+}
+
+/* Of a body that has its answer already, nothing is kept. */
+static bool take(struct exchange *x, const char *data, size_t length)
+{
+	if (x->response != NULL)
+		return true;
+	return x->sink != NULL ? feed(x, data, length) :
+	    keep(x, data, length);
 }
 
 static enum MHD_Result take_body(struct exchange *x, const char *data,
@@ -486,12 +527,9 @@ static enum MHD_Result take_body(struct exchange *x, const char *data,
 		snprintf(detail, sizeof detail, "The body has more than the "
 		    "%zu bytes that this server takes.", most);
 		refuse_midway(x, PROBLEM_TOO_LARGE, detail);
-	} else if (!make_room(x, length)) {
+	} else if (!take(x, data, length)) {
 		refuse_midway(x, PROBLEM_MEMORY,
 		    "Too many large bodies are arriving at once.");
-	} else {
-		memcpy(x->body + x->body_length, data, length);
-		x->body_length += length;
 	}
 	return MHD_YES;
 }

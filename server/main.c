@@ -1,15 +1,22 @@
 /*
  * The daemon: starts its parts, waits for a signal, drains and stops them.
  */
+#include <errno.h>
 #include <poll.h>
 #include <pthread.h>
 #include <signal.h>
+#include <spawn.h>
 #include <stdint.h>
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
 #include <sys/eventfd.h>
+#include <sys/resource.h>
 #include <sys/signalfd.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
+#include "kernels/cache_file.h"
 #include "server/clock.h"
 #include "server/config.h"
 #include "server/http.h"
@@ -18,6 +25,7 @@
 #include "server/scene_store.h"
 #include "server/scheduler.h"
 #include "server/server.h"
+#include "server/table_cache.h"
 #include "server/tables.h"
 #include "server/volume_store.h"
 
@@ -30,6 +38,10 @@
 /* Supervisors and terminals may send a signal twice: a second one that comes
  * sooner than this is no wish to give up. */
 #define PATIENCE_SECONDS 1.0
+
+/* How long the daemon runs before it has its kernels put in the cache, which
+ * takes a core half a minute: one that runs for less need not begin. */
+#define FILL_AFTER_SECONDS 10.0
 
 /* What the main thread waits for. */
 enum told {
@@ -47,6 +59,10 @@ struct ears {
 struct daemon {
 	struct server server;
 	struct ears ears;
+	struct table_cache *cache; /* or NULL */
+	char **argv;
+	bool has_filled;           /* the cache with kernels, or has begun to */
+	pid_t filler;              /* the process that does; 0: none */
 };
 
 static void on_tables_changed(void *ctx)
@@ -59,9 +75,12 @@ static void on_tables_changed(void *ctx)
 static void on_ready(void *ctx)
 {
 	struct daemon *d = ctx;
+	struct scheduler_stats stats;
 
-	log_write(LOG_INFO, "ready after %.0f ms",
-	    1e3 * (clock_seconds() - d->server.started));
+	scheduler_get_stats(d->server.scheduler, &stats);
+	log_write(LOG_INFO, "ready after %.0f ms%s",
+	    1e3 * (clock_seconds() - d->server.started),
+	    stats.device.is_cached ? ", kernels from the cache" : "");
 	tables_measure(d->server.tables);
 }
 
@@ -71,6 +90,109 @@ static void on_device_failed(void *ctx)
 	struct daemon *d = ctx;
 
 	eventfd_write(d->ears.failure, 1);
+}
+
+/* ---- the cache ---- */
+
+/* Goes on without one that cannot be used. */
+static void prepare_cache(struct config *config)
+{
+	enum err err;
+
+	config->device.cache = NULL;
+	if (config->cache[0] == '\0')
+		return;
+	err = cache_prepare(config->cache);
+	if (err == ERR_OK) {
+		config->device.cache = config->cache;
+		return;
+	}
+	log_write(LOG_WARNING, "cache %s: %s; going on without", config->cache,
+	    err == ERR_INVALID ? "it is another user's, or others may write it"
+	    : strerror(errno));
+	config->cache[0] = '\0';
+}
+
+/*
+ * --fill-cache: opens the device and stores its kernels. Slow, so at the least
+ * priority, and in a process of its own: compilers cannot be interrupted.
+ */
+static int fill_cache(const struct config *config)
+{
+	struct device_failure failure = {0};
+	struct device *device = NULL;
+	enum err err;
+
+	if (config->cache[0] == '\0') {
+		log_write(LOG_ERROR, "there is no cache to fill");
+		return 1;
+	}
+	setpriority(PRIO_PROCESS, 0, 19);
+	err = device_open(&config->device, &device, &failure);
+	if (err == ERR_OK && !device_get_info(device)->is_cached)
+		err = device_keep_kernels(device);
+	if (err == ERR_OK)
+		log_write(LOG_INFO, "kernels are in the cache");
+	else
+		log_write(LOG_WARNING, "kernels are not in the cache: %s: %s",
+		    err_message(err), device != NULL ? device_message(device) :
+		    failure.message);
+	device_close(device);
+	device_failure_fini(&failure);
+	return err == ERR_OK ? 0 : 1;
+}
+
+/* Starts this program once more, told to fill the cache. */
+static void start_filler(struct daemon *d)
+{
+	static char option[] = "--fill-cache";
+	posix_spawnattr_t attributes;
+	char **argv;
+	sigset_t none;
+	int count = 0;
+
+	while (d->argv[count] != NULL)
+		count++;
+	argv = calloc((size_t)count + 2, sizeof *argv);
+	if (argv == NULL)
+		return;
+	memcpy(argv, d->argv, (size_t)count * sizeof *argv);
+	argv[count] = option;
+	sigemptyset(&none);
+	posix_spawnattr_init(&attributes);
+	posix_spawnattr_setsigmask(&attributes, &none);
+	posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK);
+	if (posix_spawn(&d->filler, "/proc/self/exe", NULL, &attributes, argv,
+	    environ) != 0)
+		d->filler = 0;
+	posix_spawnattr_destroy(&attributes);
+	free(argv);
+}
+
+/* Has the cache filled with what the device has not found there. */
+static void tend_filler(struct daemon *d)
+{
+	struct scheduler_stats stats;
+
+	if (d->filler > 0 && waitpid(d->filler, NULL, WNOHANG) == d->filler)
+		d->filler = 0;
+	if (d->has_filled || d->server.config->device.cache == NULL ||
+	    clock_seconds() - d->server.started < FILL_AFTER_SECONDS)
+		return;
+	scheduler_get_stats(d->server.scheduler, &stats);
+	if (!stats.ready)
+		return;
+	d->has_filled = true;
+	if (!stats.device.is_cached)
+		start_filler(d);
+}
+
+static void stop_filler(struct daemon *d)
+{
+	if (d->filler <= 0)
+		return;
+	kill(d->filler, SIGKILL);
+	waitpid(d->filler, NULL, 0);
 }
 
 /* ---- signals ---- */
@@ -123,8 +245,10 @@ static enum told serve(struct daemon *d)
 {
 	enum told told;
 
-	while ((told = listen_for(&d->ears, 1000)) == TOLD_NOTHING)
+	while ((told = listen_for(&d->ears, 1000)) == TOLD_NOTHING) {
 		http_reap(d->server.http);
+		tend_filler(d);
+	}
 	return told;
 }
 
@@ -217,10 +341,13 @@ static enum err start(struct daemon *d, char url[static HTTP_URL_MAX])
 	if (err == ERR_OK)
 		err = volume_store_create(config->device.volume_bytes,
 		    &server->volumes);
+	if (err == ERR_OK && config->device.cache != NULL)
+		err = table_cache_create(config->cache, config->cache_size,
+		    &d->cache);
 	if (err == ERR_OK)
 		err = start_scheduler(d);
 	if (err == ERR_OK)
-		err = tables_start(server->tables, config->measure,
+		err = tables_start(server->tables, config->measure, d->cache,
 		    on_tables_changed, server);
 	if (err == ERR_OK)
 		err = orders_create(server->tables,
@@ -250,9 +377,9 @@ static void stop(struct server *server)
 	scheduler_free(server->scheduler);
 }
 
-static int run(const struct config *config)
+static int run(const struct config *config, char **argv)
 {
-	struct daemon d = {.server = {.config = config}};
+	struct daemon d = {.server = {.config = config}, .argv = argv};
 	char url[HTTP_URL_MAX];
 	int status = 1;
 	enum err err = ERR_IO;
@@ -268,7 +395,9 @@ static int run(const struct config *config)
 	} else {
 		log_write(LOG_ERROR, "cannot start: %s", err_message(err));
 	}
+	stop_filler(&d);
 	stop(&d.server);
+	table_cache_free(d.cache);
 	log_write(LOG_INFO, "stopped");
 	return status;
 }
@@ -310,5 +439,6 @@ int main(int argc, char **argv)
 	log_set_level(config.log_level);
 	if (config.list_devices)
 		return list_devices();
-	return run(&config);
+	prepare_cache(&config);
+	return config.fill_cache ? fill_cache(&config) : run(&config, argv);
 }

@@ -13,6 +13,10 @@
 #include <stddef.h>
 
 #include "core/err.h"
+#include "server/job_list.h"
+
+/* Derivative orders of the root: 0 to 2. */
+#define PROGRAM_ORDERS 3
 
 struct device_tape;
 struct table_entry;
@@ -34,6 +38,9 @@ struct program {
 	struct table_entry **loaded_entries; /* entries, or of each that or its
 	                                      * draft: what loaded refers to */
 	struct program *newer, *older; /* loaded ones, by last use */
+	struct job_list jobs;          /* interactive ones that wait, by turn */
+	struct program *turn_prev, *turn_next; /* others with such */
+	double pace[PROGRAM_ORDERS];   /* seconds a point; 0: not known */
 };
 
 /*

@@ -14,6 +14,8 @@ struct route {
 	const char *pattern;  /* "{id}" stands for one segment */
 	const char *query;    /* parameters it knows: " a b" or "" */
 	bool has_body;
+	void (*open)(struct exchange *x); /* before its body: may say what
+	                                   * becomes of it, or answer; or NULL */
 	bool is_probe;        /* asked often: its log lines are LOG_DEBUG */
 	void (*handle)(struct exchange *x);
 	const char *summary;  /* for the index */

@@ -4,10 +4,18 @@
  * Threads: the device thread owns struct device and all that is made from it.
  * HTTP threads submit jobs; each job is completed exactly once, by a call of
  * its done() on the device thread, after which the job is the submitter's
- * again. A job whose operator tables are not resident waits for them while
- * later ones, whose are, go ahead; the one that has waited longest has its
- * tables loaded before all others'. Where its operators allow drafts, it waits
- * for those only.
+ * again.
+ *
+ * Order: small interactive jobs of one program that wait together go in one
+ * launch. What is larger is cut into pieces of some milliseconds. Programs with
+ * interactive jobs take turns, one launch each; so do bulk jobs, one piece
+ * each, when no interactive job can go on. While bulk jobs could, at least one
+ * part in SCHEDULER_BULK_SHARE of the device's time is theirs.
+ *
+ * A job whose operator tables are not resident waits for them while later ones,
+ * whose are, go ahead; the one that was served longest ago has its tables
+ * loaded before all others'. Where its operators allow drafts, it waits for
+ * those only; the tables of its first piece serve all of it.
  */
 #ifndef SERVER_SCHEDULER_H
 #define SERVER_SCHEDULER_H
@@ -17,11 +25,23 @@
 
 #include "core/err.h"
 #include "kernels/device.h"
+#include "server/job_list.h"
 #include "server/tables.h"
 
 struct program;
 struct scheduler;
 struct tape;
+
+/* Who goes first. Jobs of one priority take turns. */
+enum job_priority {
+	JOB_INTERACTIVE, /* somebody waits for it */
+	JOB_BULK,        /* goes on when no interactive job can */
+	JOB_PRIORITY_COUNT
+};
+
+/* What bulk jobs have of the device's time, at least, while interactive jobs
+ * keep coming: one part in so many. */
+#define SCHEDULER_BULK_SHARE 5
 
 /* One evaluation. Zeroed by the caller, then: */
 struct job {
@@ -30,21 +50,41 @@ struct job {
 	const float *points;     /* 3 * count, the caller's until done() */
 	size_t count;
 	unsigned outputs;        /* OUTPUT_* */
-	void (*park)(void *ctx); /* accepted: called before anything else may be */
+	enum job_priority priority;
+	double deadline;         /* clock_seconds; 0: none. ERR_DEADLINE if it
+	                          * has not begun its last piece by then */
+	/*
+	 * NULL: the rows come whole, in `rows`. Else they come in pieces, from
+	 * the first to the last, before done(): count > 0 rows, those from
+	 * first on, malloc'd, now the submitter's; also where a later piece
+	 * then fails. Device thread.
+	 */
+	void (*piece)(void *ctx, float *rows, size_t first, size_t count);
+	/* Whether piece() may be called again yet; if not, the job waits until
+	 * scheduler_continue. NULL: always. Device thread. */
+	bool (*has_room)(void *ctx);
+	void (*park)(void *ctx); /* accepted: called before all others may be */
 	void (*done)(void *ctx); /* device thread */
 	bool (*wanted)(void *ctx); /* device thread: is anybody still waiting?
-	                            * Called with a lock held, and often. */
+	                            * Asked before each launch, and often. */
 	void *ctx;
 	/* set before done() */
 	enum err result;
 	char message[256];       /* of a failure, for a person; or "" */
 	bool is_draft;           /* ... with drafts of operator tables */
-	float *rows;             /* malloc'd, the submitter's to free; or NULL */
-	double seconds;          /* on the device */
+	float *rows;             /* malloc'd, the submitter's; or NULL */
+	double seconds;          /* on the device; of a launch shared with
+	                          * others, its share by points */
 	/* the scheduler's own */
-	struct job *next;
+	struct job *next;        /* submitted after it */
 	struct scheduler *scheduler;
 	struct table_choice choice; /* of the program's tables and drafts */
+	struct job_link links[JOB_ORDER_COUNT];
+	size_t finished;         /* of count */
+	bool is_begun;           /* counted as running */
+	bool is_stalled;         /* has_room() said no */
+	unsigned long unready;   /* equals the scheduler's changes: so are its
+	                          * tables */
 	bool is_alone;           /* its tables have had all room once */
 	bool is_too_large;       /* ... and it was not enough */
 };
@@ -52,7 +92,7 @@ struct job {
 struct scheduler_options {
 	struct device_options device;
 	struct tables *tables;
-	size_t queue;             /* jobs waiting at most */
+	size_t queue;             /* jobs waiting at most, or begun but one */
 	void (*ready)(void *ctx); /* device and built-in tables are there */
 	void (*failed)(void *ctx); /* there is no device: the log says why */
 	void *ctx;
@@ -60,9 +100,16 @@ struct scheduler_options {
 
 struct scheduler_stats {
 	bool ready;
-	size_t waiting, running;
+	size_t waiting;          /* jobs not begun */
+	size_t running;          /* jobs begun: between their pieces, too */
+	/* since the start: */
 	unsigned long completed; /* jobs done, failed ones too */
-	unsigned long points;    /* evaluated since the start */
+	unsigned long points;    /* evaluated */
+	unsigned long launches;  /* of one piece, or of several jobs */
+	unsigned long batched;   /* jobs that shared theirs with others */
+	unsigned long expired;   /* jobs past their deadline */
+	unsigned long abandoned; /* jobs whose clients had gone */
+	double seconds[JOB_PRIORITY_COUNT]; /* of the device's time */
 	size_t table_bytes, table_bytes_most;
 	struct device_info device; /* zeroed until open */
 };
@@ -76,6 +123,9 @@ enum err scheduler_create(const struct scheduler_options *options,
  * ERR_MEMORY. Either way nothing of job's has been called.
  */
 enum err scheduler_submit(struct scheduler *s, struct job *job);
+
+/* A job whose has_room() said no has room again; any thread. */
+void scheduler_continue(struct scheduler *s);
 
 /* Gives up one reference to program (server/program.h). */
 void scheduler_release(struct scheduler *s, struct program *program);

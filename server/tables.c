@@ -29,6 +29,7 @@
 #include "server/config.h"
 #include "server/crew.h"
 #include "server/log.h"
+#include "server/table_cache.h"
 
 #define BUILTIN_COUNT 4
 
@@ -97,6 +98,9 @@ struct table_entry {
 	struct lane *lane;        /* BUILDING: whose */
 	struct table *table;      /* host copy; NULL once nobody needs it */
 	bool measuring;           /* the measuring thread reads table */
+	bool is_steady;           /* somebody allows no draft for it, so it is
+	                           * not one of a profile that moves */
+	bool is_kept;             /* in the cache, or it has been tried */
 	bool was_resident;
 	int slot;
 	size_t bytes;
@@ -113,6 +117,7 @@ struct list {
 struct tables {
 	enum table_layout layout; /* of the built-in tables */
 	bool measure;
+	struct table_cache *cache; /* or NULL */
 	void (*changed)(void *ctx);
 	void *ctx;
 	pthread_mutex_t lock;     /* guards what follows and all entries */
@@ -231,12 +236,25 @@ static void add_wish(struct tables *t, struct table_entry *entry)
 
 /* ---- what becomes of an entry ---- */
 
+/* Whether it is to be put in the cache; to be measured. Locked. */
+static bool is_to_keep(const struct tables *t, const struct table_entry *entry)
+{
+	return t->cache != NULL && entry->is_steady && !entry->is_kept &&
+	    !is_small(entry);
+}
+
+static bool is_to_measure(const struct tables *t,
+    const struct table_entry *entry)
+{
+	return t->measure && !entry->measured && !entry->is_draft;
+}
+
 /* Frees the host copy where nobody will read it again. Locked. */
 static void trim(struct tables *t, struct table_entry *entry)
 {
 	bool wanted = entry->state == TABLE_BUILT ||
-	    (entry->state == TABLE_RESIDENT && t->measure &&
-	    !entry->measured && !entry->is_draft);
+	    (entry->state == TABLE_RESIDENT && (is_to_keep(t, entry) ||
+	    is_to_measure(t, entry)));
 
 	if (entry->measuring || wanted)
 		return;
@@ -373,13 +391,55 @@ static bool fill(struct lane *lane, struct table *table)
 	return crew_run((size_t)table->resolution, fill_slice, &build);
 }
 
-static void log_built(const struct table_entry *entry)
+static void log_built(const struct table_entry *entry, bool is_loaded,
+    double seconds)
 {
-	log_write(LOG_INFO, "table %s %s %s %d: %.1f MB in %.0f ms",
+	log_write(LOG_INFO, "table %s %s %s %d: %.1f MB%s in %.0f ms",
 	    operator_family_name(entry->key.family),
 	    profile_name(entry->key.profile.type),
 	    operator_layout_name(entry->key.layout), entry->key.resolution,
-	    1e-6 * (double)entry->bytes, 1e3 * entry->build_seconds);
+	    1e-6 * (double)entry->bytes,
+	    is_loaded ? " from the cache" : "", 1e3 * seconds);
+}
+
+static enum err make(struct lane *lane, const struct operator *key,
+    struct table **out)
+{
+	struct table *table;
+	enum err err = table_create(key->family, &key->profile, key->layout,
+	    key->resolution, &table);
+
+	if (err != ERR_OK)
+		return err;
+	if (!fill(lane, table)) {
+		table_free(table);
+		return ERR_CANCELLED;
+	}
+	*out = table;
+	return ERR_OK;
+}
+
+/* The table of key from the cache; false if it is not there. One as small as a
+ * draft is built as soon. */
+static bool load(struct tables *t, const struct operator *key,
+    struct table **out, struct table_figures *figures)
+{
+	return t->cache != NULL && key->resolution > TABLES_DRAFT_RESOLUTION &&
+	    table_cache_load(t->cache, key, out, figures) == ERR_OK;
+}
+
+/* Puts down what has been made of entry. Locked. */
+static void finish(struct tables *t, struct table_entry *entry,
+    struct table *table, const struct table_figures *figures)
+{
+	set_state(t, entry, TABLE_BUILT);
+	entry->table = table;
+	entry->bytes = table_bytes(table);
+	entry->build_seconds = figures->build_seconds;
+	if (figures->is_measured) {
+		entry->measured = true;
+		entry->error = figures->error;
+	}
 }
 
 /*
@@ -390,19 +450,22 @@ static bool build(struct lane *lane, struct table_entry *entry)
 {
 	struct tables *t = lane->tables;
 	double begin = clock_seconds();
+	struct table_figures figures = {0};
 	struct operator key = entry->key;
 	struct table *table = NULL;
-	enum err err;
+	enum err err = ERR_OK;
+	double seconds;
+	bool loaded;
 
 	set_state(t, entry, TABLE_BUILDING);
 	entry->lane = lane;
 	lane->entry = entry;
 	atomic_store(&lane->abandon, false);
 	pthread_mutex_unlock(&t->lock);
-	err = table_create(key.family, &key.profile, key.layout,
-	    key.resolution, &table);
-	if (err == ERR_OK && !fill(lane, table))
-		err = ERR_CANCELLED;
+	loaded = load(t, &key, &table, &figures);
+	if (!loaded)
+		err = make(lane, &key, &table);
+	seconds = clock_seconds() - begin;
 	pthread_mutex_lock(&t->lock);
 	if (lane->entry == NULL) {
 		table_free(table);
@@ -411,7 +474,6 @@ static bool build(struct lane *lane, struct table_entry *entry)
 	lane->entry = NULL;
 	entry->lane = NULL;
 	if (err != ERR_OK) {
-		table_free(table);
 		/* One asked for again meanwhile starts afresh. */
 		set_state(t, entry, err != ERR_CANCELLED ? TABLE_FAILED :
 		    TABLE_WAITING);
@@ -420,11 +482,11 @@ static bool build(struct lane *lane, struct table_entry *entry)
 		entry->err = err;
 		return true;
 	}
-	set_state(t, entry, TABLE_BUILT);
-	entry->table = table;
-	entry->bytes = table_bytes(table);
-	entry->build_seconds = clock_seconds() - begin;
-	log_built(entry);
+	entry->is_kept = loaded;
+	if (!loaded)
+		figures.build_seconds = seconds;
+	finish(t, entry, table, &figures);
+	log_built(entry, loaded, seconds);
 	return true;
 }
 
@@ -516,42 +578,88 @@ static bool measure(const struct table *table, const atomic_bool *stop,
 	return at == TABLE_SAMPLE;
 }
 
-static struct table_entry *next_to_measure(struct tables *t)
+/* A table to be kept, else one to be measured, or NULL. Locked. */
+static struct table_entry *next_to_study(struct tables *t)
 {
+	struct table_entry *found = NULL;
+
 	for (int small = 0; small < 2 && t->may_measure; small++) {
 		for (struct table_entry *e =
 		    t->lists[TABLE_RESIDENT][small].first; e != NULL;
 		    e = e->next) {
-			if (e->table != NULL && !e->measured)
+			if (e->table != NULL && is_to_keep(t, e))
 				return e;
+			if (e->table != NULL && is_to_measure(t, e) &&
+			    found == NULL)
+				found = e;
 		}
 	}
-	return NULL;
+	return found;
+}
+
+static struct table_figures figures_of(const struct table_entry *entry)
+{
+	return (struct table_figures){
+		.build_seconds = entry->build_seconds,
+		.is_measured = entry->measured && entry->error.count > 0,
+		.error = entry->error,
+	};
+}
+
+/* Locked on entry and return, not while it writes. Others come and go; what
+ * every start needs is to stay, so it counts as used now. */
+static void keep_entry(struct tables *t, struct table_entry *entry)
+{
+	struct table_figures figures = figures_of(entry);
+
+	pthread_mutex_unlock(&t->lock);
+	for (int i = 0; i < BUILTIN_COUNT; i++)
+		table_cache_touch(t->cache, &t->builtin[i]->key);
+	table_cache_store(t->cache, entry->table, &figures);
+	pthread_mutex_lock(&t->lock);
+	entry->is_kept = true; /* not again, even if it failed */
+}
+
+/* The same. */
+static void measure_entry(struct tables *t, struct table_entry *entry)
+{
+	struct table_error error = {0};
+	struct table_figures figures;
+	bool done;
+
+	pthread_mutex_unlock(&t->lock);
+	done = measure(entry->table, &t->stop, &error);
+	pthread_mutex_lock(&t->lock);
+	entry->measured = true; /* not again, even if it failed */
+	entry->error = error;
+	figures = figures_of(entry);
+	if (!done || t->cache == NULL || is_small(entry))
+		return;
+	pthread_mutex_unlock(&t->lock);
+	table_cache_store_figures(t->cache, &entry->key, &figures);
+	pthread_mutex_lock(&t->lock);
 }
 
 static void *measurer_main(void *arg)
 {
 	struct tables *t = arg;
 	struct sched_param param = {0};
-	struct table_error error;
 
 	pthread_setschedparam(pthread_self(), SCHED_IDLE, &param);
 	pthread_mutex_lock(&t->lock);
 	while (!atomic_load(&t->stop)) {
-		struct table_entry *entry = next_to_measure(t);
-		bool done;
+		struct table_entry *entry = next_to_study(t);
 
 		if (entry == NULL) {
 			pthread_cond_wait(&t->wake, &t->lock);
 			continue;
 		}
 		entry->measuring = true;
-		pthread_mutex_unlock(&t->lock);
-		done = measure(entry->table, &t->stop, &error);
-		pthread_mutex_lock(&t->lock);
+		if (is_to_keep(t, entry))
+			keep_entry(t, entry);
+		else
+			measure_entry(t, entry);
 		entry->measuring = false;
-		entry->measured = true; /* not again, even if it failed */
-		entry->error = done ? error : (struct table_error){0};
 		forget(t, entry);
 	}
 	pthread_mutex_unlock(&t->lock);
@@ -623,8 +731,9 @@ enum err tables_create(enum table_layout layout, struct tables **out)
 }
 
 enum err tables_start(struct tables *t, bool measure_them,
-    void (*changed)(void *ctx), void *ctx)
+    struct table_cache *cache, void (*changed)(void *ctx), void *ctx)
 {
+	t->cache = cache;
 	t->changed = changed;
 	t->ctx = ctx;
 	t->measure = measure_them;
@@ -637,7 +746,7 @@ enum err tables_start(struct tables *t, bool measure_them,
 			return ERR_IO;
 		lane->is_started = true;
 	}
-	t->has_measurer = measure_them &&
+	t->has_measurer = (measure_them || cache != NULL) &&
 	    pthread_create(&t->measurer, NULL, measurer_main, t) == 0;
 	return ERR_OK;
 }
@@ -731,6 +840,7 @@ static enum err acquire(struct tables *t, const struct operator *op,
 		entry->refs++;
 		/* One that is somebody's own table is no draft. */
 		entry->is_draft = entry->is_draft && as_draft;
+		entry->is_steady = entry->is_steady || !op->draft;
 	}
 	pthread_mutex_unlock(&t->lock);
 	if (entry == NULL)
@@ -1154,6 +1264,7 @@ enum err tables_give(struct tables *t, const struct operator *op,
 	entry = find(t, op);
 	if (entry != NULL) {
 		entry->is_draft = false;
+		entry->is_steady = true;
 		taken = is_lacking(entry);
 		if (taken)
 			take(t, entry, table, seconds);

@@ -10,7 +10,8 @@
  * Threads: functions are safe from any thread unless they say "device thread".
  * Three builder threads fill tables, for drafts, for what is asked for, and, at
  * lesser priority, for wishes, so that none waits for a lesser one; one more at
- * idle priority measures their error. None touches the device.
+ * idle priority measures their error and keeps them in the cache, if there is
+ * one. None touches the device.
  */
 #ifndef SERVER_TABLES_H
 #define SERVER_TABLES_H
@@ -22,8 +23,9 @@
 #include "core/operator.h"
 #include "core/table.h"
 
-struct tables;
+struct table_cache;
 struct table_entry;
+struct tables;
 
 /*
  * How much a table is needed. One being loaded may displace those resident
@@ -67,7 +69,7 @@ struct table_report {
 	bool draft;           /* stands in for a finer one */
 	enum table_state state;
 	size_t bytes;         /* 0 until built once */
-	double build_seconds;
+	double build_seconds; /* also if it then came out of the cache */
 	bool measured;        /* error is filled */
 	struct table_error error;
 };
@@ -81,10 +83,12 @@ enum err tables_create(enum table_layout layout, struct tables **out);
 /*
  * Starts the threads. changed(ctx) is called from the builder when a table has
  * been built, or has failed, and by tables_give. measure: tables' errors will
- * be measured. ERR_IO.
+ * be measured. cache, NULL for none, is the caller's: tables are looked for
+ * there before they are built, drafts aside, and put there when they are
+ * resident, unless all that use them allow drafts. ERR_IO.
  */
 enum err tables_start(struct tables *t, bool measure,
-    void (*changed)(void *ctx), void *ctx);
+    struct table_cache *cache, void (*changed)(void *ctx), void *ctx);
 
 /* Ends the threads soon, leaving tables unbuilt. Calls nothing back after. */
 void tables_stop(struct tables *t);
@@ -160,7 +164,7 @@ void tables_reserve(struct tables *t, struct table_entry *const *entries,
  */
 enum err tables_check_builtin(struct tables *t, bool *ready);
 
-/* Lets the measuring thread begin. */
+/* Lets the thread that measures and keeps tables begin. */
 void tables_measure(struct tables *t);
 
 /*

@@ -1,545 +1,324 @@
 /*
- * The device's speed, on batches of every size. A table on stdout, one line a
- * figure, in 10^6 points/s, beside ratios to three yardsticks measured in the same
- * repetitions:
+ * The device's speed on batches of every size, in 10^6 points/s, as the daemon
+ * has it, and ("whole") with every point walking the whole tape; and how long
+ * a small call takes. Beside them, in the same repetitions:
  *
- *   /copy    a copy of the request's and the answer's bytes, one thread
- *   /native  50 points under sum, value and gradient, in straight C for two
- *            threads: the same work as the first scene's, no tape, no device
- *   /f64     the float64 evaluator, on the same scene, points and outputs, one
- *            thread
+ *   /native    the same tape, points and outputs in hand-written C (native.h);
+ *              /native-cpu in processor time rather than the clock's
+ *   /straight  the scene of sums as one loop in C, no tape
+ *   /copy      a copy of the request's and the answer's bytes, one thread
+ *   /float64   core/evaluate.h, one thread
+ *   /whole     the device again, with every point walking the whole tape
  *
- * Medians of interleaved repetitions. Coherent points are those of a grid, x
- * fastest; random ones the same grid's, shuffled.
+ * Before it is timed, native's rows are compared with the device's.
  */
-#include <pthread.h>
-#include <stdarg.h>
-#include <stdbool.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "core/evaluate.h"
 #include "core/output.h"
-#include "core/table.h"
 #include "core/tape.h"
 #include "kernels/device.h"
-#include "proto/document.h"
-#include "proto/fault.h"
-#include "tests/support/random_tree.h"
+#include "tests/bench/bench.h"
+#include "tests/bench/native.h"
+#include "tests/bench/report.h"
 
-#define THREADS 2
-#define BALLS 50
-#define BALL_FLOATS 4 /* centre, 1/R^2 */
-#define TEXT_MAX 32768
-#define TABLES_MAX 16
-#define POINTS_MAX 1000000
-#define ROW_MAX 10
-#define REPETITIONS_MAX 9
-/* R of a soft object of radius 1 and exponent 3. */
-#define REACH 2.2017
+#define BOTH (OUTPUT_VALUE | OUTPUT_GRADIENT)
 
-struct scene {
-	const char *name;
-	char *text;
-	struct document *document;
-	struct device_tape *tape;
-	double low[3], high[3]; /* the box of its points */
-};
+/* Of a column's greatest number: how far native may be from the device, at all
+ * but one of so many points. Those that are further off lie on folds, whose
+ * sides rounding chooses. */
+#define AGREE 1e-3
+#define AGREE_BUT 1000
 
-struct bench {
-	struct device *device;
-	struct operator operators[TABLES_MAX];
-	int slots[TABLES_MAX], tables;
-	float *points, *rows, *other_points, *other_rows;
-	float balls[BALLS * BALL_FLOATS];
-};
-
-/* One line of the table. */
-struct figure {
+struct run {
+	struct bench_devices *devices;
+	struct bench_loaded loaded;
+	const struct scene *scene;
 	size_t count;
 	unsigned outputs;
-	bool coherent;
-	int repetitions;
-	double seconds[4][REPETITIONS_MAX]; /* a point: device, copy, native,
-	                                     * float64 */
 };
 
-static double now(void)
+/* Batches of a run, so that the clock's own time is none of it. */
+static size_t times(const struct run *r)
 {
-	struct timespec t;
-
-	clock_gettime(CLOCK_MONOTONIC, &t);
-	return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+	return r->count < 100000 ? 20000 / r->count + 1 : 1;
 }
 
-static void *allocate(size_t size)
+static double run_device(struct run *r, enum bench_mode mode)
 {
-	void *p = calloc(1, size);
+	double begin = bench_now();
 
-	if (!p)
-		abort();
-	return p;
+	for (size_t i = 0; i < times(r); i++)
+		if (device_evaluate(r->devices->device[mode],
+		    r->loaded.tape[mode], r->devices->points, r->count,
+		    r->outputs, r->devices->rows, NULL, NULL))
+			abort();
+	return (bench_now() - begin) / (double)(r->count * times(r));
 }
 
-/* --- scenes ----------------------------------------------------------------- */
-
-__attribute__((format(printf, 2, 3)))
-static void append(char *text, const char *format, ...)
+static double run_culled(void *ctx)
 {
-	size_t length = strlen(text);
-	va_list list;
-
-	va_start(list, format);
-	vsnprintf(text + length, TEXT_MAX - length, format, list);
-	va_end(list);
+	return run_device(ctx, BENCH_CULLED);
 }
 
-static void begin_text(char *text, const char *type)
+static double run_whole(void *ctx)
 {
-	append(text, "{\"format\":\"blobfield/1\",\"root\":{%s,\"children\":[",
-	    type);
+	return run_device(ctx, BENCH_WHOLE);
 }
 
-/* Radii of about 0.25 over [-1, 1]^3: about four fields are not 0 at a point. */
-static void write_balls(struct bench *b, char *text, const char *type)
+static double run_native(void *ctx)
 {
-	struct random_stream r = {1};
+	struct run *r = ctx;
+	double begin = bench_now();
 
-	begin_text(text, type);
-	for (int i = 0; i < BALLS; i++) {
-		float *ball = b->balls + i * BALL_FLOATS;
-		double radius = random_in(&r, 0.2, 0.3);
+	for (size_t i = 0; i < times(r); i++)
+		native_evaluate(r->loaded.native, r->devices->points,
+		    r->count, r->outputs, r->devices->other_rows);
+	return (bench_now() - begin) / (double)(r->count * times(r));
+}
 
-		for (int k = 0; k < 3; k++)
-			ball[k] = (float)random_in(&r, -1.0, 1.0);
-		ball[3] = (float)(1.0 / (radius * radius * REACH * REACH));
-		append(text, "%s{\"type\":\"point\",\"center\":[%.9g,%.9g,%.9g],"
-		    "\"radius\":%.9g}", i > 0 ? "," : "", (double)ball[0],
-		    (double)ball[1], (double)ball[2], radius);
+static double run_straight(void *ctx)
+{
+	struct run *r = ctx;
+	double begin = bench_now();
+
+	for (size_t i = 0; i < times(r); i++)
+		native_straight(r->loaded.native, r->devices->points,
+		    r->count, r->devices->other_rows);
+	return (bench_now() - begin) / (double)(r->count * times(r));
+}
+
+static double run_copy(void *ctx)
+{
+	void *(*volatile copy)(void *, const void *, size_t) = memcpy;
+	struct run *r = ctx;
+	size_t row = (size_t)output_row_floats(r->outputs);
+	double begin = bench_now();
+
+	for (size_t i = 0; i < times(r); i++) {
+		copy(r->devices->other_points, r->devices->points,
+		    r->count * 3 * sizeof(float));
+		copy(r->devices->other_rows, r->devices->rows,
+		    r->count * row * sizeof(float));
 	}
-	append(text, "]}}");
+	return (bench_now() - begin) / (double)(r->count * times(r));
 }
 
-static void write_vector(char *text, const char *name,
-    struct random_stream *r, double most)
+/* 100 points from all over the batch. */
+static double run_float64(void *ctx)
 {
-	append(text, ",\"%s\":[%.4f,%.4f,%.4f]", name, random_in(r, -most, most),
-	    random_in(r, -most, most), random_in(r, -most, most));
-}
+	struct run *r = ctx;
+	size_t most = 100, done = 0;
+	size_t step = r->count < most ? 1 : r->count / most;
+	double begin = bench_now();
+	struct jet jet;
 
-/* Every primitive but the plane, in turn, about a random point. */
-static void write_primitive(char *text, struct random_stream *r, int which)
-{
-	static const char *const rest[] = {"\"point\",\"radius\":0.25",
-		"\"segment\",\"b\":[0.3,0,0],\"radius\":0.2",
-		"\"triangle\",\"b\":[0.3,0,0],\"c\":[0,0.3,0],\"radius\":0.15",
-		"\"disc\",\"normal\":[0,0.6,0.8],\"disc_radius\":0.2,\"radius\":0.15",
-		"\"circle\",\"normal\":[0.6,0,0.8],\"ring_radius\":0.3,\"radius\":0.1",
-		"\"sphere\",\"radius\":0.3,\"falloff\":0.3",
-		"\"box\",\"half_size\":[0.3,0.2,0.2],\"rounding\":0.05,"
-		"\"falloff\":0.3",
-		"\"cylinder\",\"b\":[0,0,0.4],\"radius\":0.2,\"falloff\":0.3",
-		"\"capsule\",\"b\":[0,0.4,0],\"radius\":0.2,\"falloff\":0.3",
-		"\"cone\",\"b\":[0,0,0.4],\"radii\":[0.3,0.1],\"falloff\":0.3",
-		"\"torus\",\"axis\":[0,0,1],\"major\":0.3,\"minor\":0.1,"
-		"\"falloff\":0.2"};
-	static const char *const place[] = {"center", "a", "a", "center",
-		"center", "center", "center", "a", "a", "a", "center"};
-	int kind = which % 11;
+	for (size_t i = 0; i < r->count && done < most; i += step, done++) {
+		const float *p = r->devices->points + 3 * i;
 
-	append(text, "{\"type\":%s", rest[kind]);
-	if (strcmp(place[kind], "a") == 0) {
-		/* Ends are given about the origin. */
-		append(text, ",\"a\":[0,0,0],\"translation\":[%.4f,%.4f,%.4f]}",
-		    random_in(r, -1.0, 1.0), random_in(r, -1.0, 1.0),
-		    random_in(r, -1.0, 1.0));
-		return;
+		evaluate(r->scene->tape, vec3((double)p[0], (double)p[1],
+		    (double)p[2]), output_order(r->outputs), &jet);
 	}
-	write_vector(text, place[kind], r, 1.0);
-	append(text, "}");
+	return (bench_now() - begin) / (double)done;
 }
 
-/* A balanced binary tree over primitives first..first + count - 1. */
-static void write_mixed(char *text, struct random_stream *r, int first,
-    int count)
-{
-	static const char *const types[] = {
-		"\"union\",\"operator\":\"camel\"", "\"sum\"",
-		"\"union\",\"operator\":\"clean\"", "\"ricci\",\"n\":2",
-		"\"union\",\"operator\":\"contact\"",
-		"\"difference\",\"operator\":\"clean\"",
-		"\"union\",\"operator\":\"sharp\"",
-		"\"union\",\"operator\":\"organic\""};
+/* --- agreement ------------------------------------------------------------ */
 
-	if (count == 1) {
-		write_primitive(text, r, first);
-		return;
-	}
-	append(text, "{\"type\":%s,\"children\":[", types[random_below(r, 8)]);
-	write_mixed(text, r, first, count / 2);
-	append(text, ",");
-	write_mixed(text, r, first + count / 2, count - count / 2);
-	append(text, "]}");
+/* Values and gradients, or Hessians. */
+static int block_of(int column)
+{
+	return column == 0 ? 0 : column < 4 ? 1 : 2;
 }
 
-static void write_letter(char *text)
+/* The difference at the count / AGREE_BUT-th worst point, over the greatest
+ * number of the column's block. */
+static double worst(const float *a, const float *b, size_t count, int row,
+    int block)
 {
-	begin_text(text, "\"type\":\"union\",\"operator\":\"camel\"");
-	append(text,
-	    "{\"type\":\"segment\",\"a\":[-1,0,0],\"b\":[0,0,2.6],\"radius\":0.2},"
-	    "{\"type\":\"segment\",\"a\":[1,0,0],\"b\":[0,0,2.6],\"radius\":0.2},"
-	    "{\"type\":\"segment\",\"a\":[-0.69,0,0.8],\"b\":[0.69,0,0.8],"
-	    "\"radius\":0.16}]}}");
+	double *off = bench_allocate(count * sizeof(*off)), most = 1e-30, r;
+
+	for (size_t i = 0; i < count; i++)
+		for (int k = 0; k < row; k++) {
+			size_t at = i * (size_t)row + (size_t)k;
+
+			if (block_of(k) != block)
+				continue;
+			most = fmax(most, fabs((double)b[at]));
+			off[i] = fmax(off[i], fabs((double)a[at] -
+			    (double)b[at]));
+		}
+	report_median(off, count);
+	r = off[count - 1 - count / AGREE_BUT] / most;
+	free(off);
+	return r;
 }
 
-static int slot_of(struct bench *b, const struct operator *op)
+/* Whether native does the same work: aborts where it does not. */
+static void compare(struct run *r)
 {
-	struct table *table;
-	int i;
+	int row = output_row_floats(r->outputs);
+	char text[96];
+	double off[3];
 
-	for (i = 0; i < b->tables; i++)
-		if (b->operators[i].family == op->family &&
-		    b->operators[i].layout == op->layout &&
-		    profile_equal(&b->operators[i].profile, &op->profile))
-			return b->slots[i];
-	if (i == TABLES_MAX || table_create(op->family, &op->profile,
-	    op->layout, op->resolution, &table))
-		abort();
-	table_build(table, 0, op->resolution);
-	if (device_load_table(b->device, table, b->slots + i))
-		abort();
-	table_free(table);
-	b->operators[i] = *op;
-	return b->slots[b->tables++];
-}
-
-static void load_scene(struct bench *b, struct scene *s)
-{
-	const struct document_limits limits = {.max_nodes = 1000,
-	    .layout = LAYOUT_WARPED};
-	struct faults faults = {0};
-	const struct tape *tape;
-	int slots[TABLES_MAX];
-
-	if (document_parse(s->text, strlen(s->text), &limits, &s->document,
-	    &faults)) {
-		fprintf(stderr, "%s: %s %s\n", s->name, faults.list[0].pointer,
-		    faults.list[0].detail);
+	run_whole(r);
+	run_native(r);
+	for (int block = 0; block < 3; block++)
+		off[block] = worst(r->devices->other_rows, r->devices->rows,
+		    r->count, row, block);
+	snprintf(text, sizeof(text), "value %.1e, gradient %.1e, Hessian %.1e",
+	    off[0], off[1], off[2]);
+	report_note(r->scene->name, text);
+	if (off[0] > AGREE || off[1] > AGREE) {
+		fprintf(stderr, "%s: the native evaluator is wrong\n",
+		    r->scene->name);
 		abort();
 	}
-	tape = document_tape(s->document);
-	for (size_t i = 0; i < tape->operator_count; i++)
-		slots[i] = slot_of(b, tape->operators + i);
-	if (device_load_tape(b->device, tape, slots, &s->tape))
-		abort();
 }
 
-static void begin_scene(struct scene *s, const char *name)
+/* --- figures -------------------------------------------------------------- */
+
+static const char *output_names(unsigned outputs)
 {
-	*s = (struct scene){.name = name, .text = allocate(TEXT_MAX),
-		.low = {-1.2, -1.2, -1.2}, .high = {1.2, 1.2, 1.2}};
+	return outputs == OUTPUT_VALUE ? "value" : outputs == BOTH ?
+	    "value gradient" : "with Hessian";
+}
+
+static void report_batch(struct run *r, enum scene_order order,
+    int repetitions)
+{
+	struct race_runner list[] = {
+		{.name = "culled", .run = run_culled},
+		{.name = "whole", .run = run_whole},
+		{.name = "native", .run = run_native,
+			.cpu_name = "native-cpu"},
+		{.name = "copy", .run = run_copy},
+		{.name = "float64", .run = run_float64},
+		{.name = "straight", .run = run_straight,
+			.cpu_name = "straight-cpu"},
+	};
+	int count = native_is_straight(r->loaded.native) &&
+	    r->outputs == BOTH && r->count >= 4096 ? 6 : 5;
+	char name[128];
+
+	scene_place(r->scene, order, r->count, r->devices->points);
+	race(list, count, repetitions, r);
+	snprintf(name, sizeof(name), "%.48s; %s; %s; %zu", r->scene->name,
+	    scene_order_name(order), output_names(r->outputs), r->count);
+	race_report(list, count, repetitions, "device, points", name, "10^6/s",
+	    true, 1e-6);
+	strcat(name, "; whole");
+	race_report(list + 1, count - 1, repetitions, "device, points", name,
+	    "10^6/s", true, 1e-6);
+}
+
+/* A batch's size and outputs; the quick bench has the first ones. */
+struct batch {
+	size_t count;
+	unsigned outputs;
+};
+
+static void report_scene(struct bench_devices *devices,
+    const struct scene *scene, bool quick)
+{
+	static const struct batch batches[] = {
+		{1000000, BOTH}, {4096, BOTH}, {256, BOTH},
+		{1000000, OUTPUT_VALUE}, {1000000, BOTH | OUTPUT_HESSIAN}};
+	struct run r = {.devices = devices, .scene = scene};
+	size_t most = quick ? 1 : sizeof(batches) / sizeof(*batches);
+
+	bench_load(scene, &r.loaded);
+	r.count = 65536;
+	r.outputs = BOTH | OUTPUT_HESSIAN;
+	scene_place(scene, SCENE_SHUFFLED, r.count, devices->points);
+	compare(&r);
+	r.outputs = BOTH;
+	compare(&r);
+	for (size_t i = 0; i < 2 * most; i++) {
+		r.count = batches[i / 2].count;
+		r.outputs = batches[i / 2].outputs;
+		report_batch(&r, i % 2 ? SCENE_SHUFFLED : SCENE_GRID,
+		    quick ? 3 : r.count <= 100000 ? 9 : i < 2 ? 5 : 3);
+	}
+	bench_unload(&r.loaded);
+}
+
+/* --- a small call's time -------------------------------------------------- */
+
+struct call {
+	struct run scene, empty;
+};
+
+static double call_scene(void *ctx)
+{
+	struct call *c = ctx;
+
+	return run_culled(&c->scene) * (double)c->scene.count;
+}
+
+static double call_empty(void *ctx)
+{
+	struct call *c = ctx;
+
+	return run_culled(&c->empty) * (double)c->empty.count;
+}
+
+static double call_native(void *ctx)
+{
+	struct call *c = ctx;
+
+	return run_native(&c->scene) * (double)c->scene.count;
+}
+
+/* A call of 256 points beside one of a single primitive, which is what a launch
+ * and its wait cost. */
+static void report_call(struct bench_devices *devices,
+    const struct scene *scene, const struct scene *one, bool quick)
+{
+	struct race_runner list[] = {
+		{.name = "call", .run = call_scene},
+		{.name = "empty", .run = call_empty},
+		{.name = "native", .run = call_native},
+	};
+	struct call c = {
+		.scene = {.devices = devices, .scene = scene, .count = 256,
+			.outputs = BOTH},
+		.empty = {.devices = devices, .scene = one, .count = 256,
+			.outputs = BOTH}};
+	int repetitions = quick ? 5 : RACE_REPETITIONS_MAX;
+	char name[128];
+
+	bench_load(scene, &c.scene.loaded);
+	bench_load(one, &c.empty.loaded);
+	scene_place(scene, SCENE_RANDOM, 256, devices->points);
+	race(list, 3, repetitions, &c);
+	snprintf(name, sizeof(name), "%.48s; 256 random points",
+	    scene->name);
+	race_report(list, 3, repetitions, "device, one call", name, "us",
+	    false, 1e6);
+	bench_unload(&c.scene.loaded);
+	bench_unload(&c.empty.loaded);
 }
 
 #define SCENES 4
 
-static void make_scenes(struct bench *b, struct scene s[static SCENES])
+void bench_device(bool quick)
 {
-	struct random_stream r = {7};
+	struct bench_devices *devices = bench_devices();
+	struct scene scenes[SCENES], one;
 
-	begin_scene(s, "50 points, sum");
-	write_balls(b, s[0].text, "\"type\":\"sum\"");
-	begin_scene(s + 1, "50 points, camel");
-	write_balls(b, s[1].text, "\"type\":\"union\",\"operator\":\"camel\"");
-	begin_scene(s + 2, "50 mixed");
-	append(s[2].text, "{\"format\":\"blobfield/1\",\"root\":");
-	write_mixed(s[2].text, &r, 0, BALLS);
-	append(s[2].text, "}");
-	begin_scene(s + 3, "letter A");
-	write_letter(s[3].text);
-	memcpy(s[3].low, (double[]){-1.5, -0.5, -0.5}, sizeof(s[3].low));
-	memcpy(s[3].high, (double[]){1.5, 0.5, 3.1}, sizeof(s[3].high));
+	scene_points(scenes, "sum", 50);
+	scene_points(scenes + 1, "camel", 50);
+	scene_mixed(scenes + 2, 50);
+	scene_letter(scenes + 3);
+	scene_points(&one, "sum", 1);
 	for (int i = 0; i < SCENES; i++)
-		load_scene(b, s + i);
-}
-
-static void free_scenes(struct bench *b, struct scene s[static SCENES])
-{
-	for (int i = 0; i < SCENES; i++) {
-		device_drop_tape(b->device, s[i].tape);
-		document_free(s[i].document);
-		free(s[i].text);
-	}
-}
-
-/* The grid of at least count points with the fewest along x. */
-static void make_points(const struct scene *s, size_t count, bool coherent,
-    float *xyz)
-{
-	size_t n = 1;
-	struct random_stream r = {3};
-
-	while (n * n * n < count)
-		n++;
-	for (size_t i = 0; i < count; i++) {
-		const size_t at[] = {i % n, i / n % n, i / n / n};
-
-		for (int k = 0; k < 3; k++)
-			xyz[3 * i + (size_t)k] = (float)(s->low[k] +
-			    (s->high[k] - s->low[k]) *
-			    (double)at[k] / (double)(n - 1));
-	}
-	for (size_t i = count; !coherent && i-- > 1;) {
-		size_t j = (size_t)random_below(&r, (int)i + 1);
-		float swap[3];
-
-		memcpy(swap, xyz + 3 * i, sizeof(swap));
-		memcpy(xyz + 3 * i, xyz + 3 * j, sizeof(swap));
-		memcpy(xyz + 3 * j, swap, sizeof(swap));
-	}
-}
-
-/* --- yardsticks ------------------------------------------------------------- */
-
-/* Points evaluated side by side: enough for any processor's vectors. */
-#define TILE 32
-
-struct share {
-	const float *points, *balls;
-	float *rows;
-	size_t count;
-};
-
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-#define EACH_PROCESSOR __attribute__((target_clones("avx512f", "avx2", \
-	"default"), optimize("O3", "fp-contract=fast", "no-trapping-math")))
-#else
-#define EACH_PROCESSOR
-#endif
-
-/* f = sum (1 - S)^3, grad f = -6/R^2 sum (1 - S)^2 (x - c), S = |x - c|^2/R^2 */
-EACH_PROCESSOR
-static void evaluate_tile(const float x[static TILE],
-    const float y[static TILE], const float z[static TILE],
-    const float *balls, float out[static 4 * TILE])
-{
-	float f[TILE] = {0}, fx[TILE] = {0}, fy[TILE] = {0}, fz[TILE] = {0};
-
-	for (int k = 0; k < BALLS; k++) {
-		const float *ball = balls + k * BALL_FLOATS;
-
-		for (int l = 0; l < TILE; l++) {
-			float u = x[l] - ball[0], v = y[l] - ball[1];
-			float w = z[l] - ball[2];
-			float b = 1.0f - (u * u + v * v + w * w) * ball[3], c;
-
-			b = b > 0.0f ? b : 0.0f;
-			c = b * b;
-			f[l] += c * b;
-			c *= -6.0f * ball[3];
-			fx[l] += c * u;
-			fy[l] += c * v;
-			fz[l] += c * w;
-		}
-	}
-	for (int l = 0; l < TILE; l++) {
-		out[4 * l] = f[l];
-		out[4 * l + 1] = fx[l];
-		out[4 * l + 2] = fy[l];
-		out[4 * l + 3] = fz[l];
-	}
-}
-
-static void evaluate_balls(const struct share *s)
-{
-	float x[TILE], y[TILE], z[TILE];
-
-	for (size_t i = 0; i < s->count; i += TILE) {
-		for (int l = 0; l < TILE; l++) {
-			const float *p = s->points + 3 * (i + (size_t)l);
-
-			x[l] = p[0];
-			y[l] = p[1];
-			z[l] = p[2];
-		}
-		evaluate_tile(x, y, z, s->balls, s->rows + 4 * i);
-	}
-}
-
-static void *evaluate_share(void *share)
-{
-	evaluate_balls(share);
-	return NULL;
-}
-
-/* Over whole tiles of the points; seconds a point. */
-static double time_native(struct bench *b, size_t count)
-{
-	size_t each = count / THREADS / TILE * TILE;
-	struct share shares[THREADS];
-	pthread_t thread;
-	double begin = now();
-
-	for (size_t i = 0; i < THREADS; i++)
-		shares[i] = (struct share){b->points + 3 * each * i, b->balls,
-			b->other_rows + 4 * each * i, each};
-	/* A thread is not worth its start for few points. */
-	if (count < 100000) {
-		for (int i = 0; i < THREADS; i++)
-			evaluate_balls(shares + i);
-		return (now() - begin) / (double)(THREADS * each) / THREADS;
-	}
-	if (pthread_create(&thread, NULL, evaluate_share, shares))
-		abort();
-	evaluate_balls(shares + 1);
-	pthread_join(thread, NULL);
-	return (now() - begin) / (double)(THREADS * each);
-}
-
-static double time_copy(struct bench *b, size_t count, size_t row)
-{
-	void *(*volatile copy)(void *, const void *, size_t) = memcpy;
-	double begin = now();
-
-	copy(b->other_points, b->points, count * 3 * sizeof(float));
-	copy(b->other_rows, b->rows, count * row * sizeof(float));
-	return (now() - begin) / (double)count;
-}
-
-/* 200 points from all over the batch; seconds a point. */
-static double time_float64(struct bench *b, const struct scene *s,
-    const struct figure *f)
-{
-	size_t most = 200, done = 0;
-	double begin = now();
-	struct jet jet;
-
-	for (size_t i = 0; i < f->count && done < most; done++) {
-		const float *p = b->points + 3 * i;
-
-		evaluate(document_tape(s->document), vec3((double)p[0],
-		    (double)p[1], (double)p[2]), output_order(f->outputs), &jet);
-		i += f->count < most ? 1 : f->count / most;
-	}
-	return (now() - begin) / (double)done;
-}
-
-/* Small batches are repeated, so that the clock's own time is none of it. */
-static double time_device(struct bench *b, const struct scene *s,
-    const struct figure *f)
-{
-	size_t times = f->count < 100000 ? 40000 / f->count + 1 : 1;
-	double begin = now();
-
-	for (size_t i = 0; i < times; i++)
-		if (device_evaluate(b->device, s->tape, b->points, f->count,
-		    f->outputs, b->rows, NULL, NULL))
-			abort();
-	return (now() - begin) / (double)(f->count * times);
-}
-
-/* --- the table -------------------------------------------------------------- */
-
-static int by_size(const void *a, const void *b)
-{
-	double x = *(const double *)a, y = *(const double *)b;
-
-	return (x > y) - (x < y);
-}
-
-static double median(double *seconds, int count)
-{
-	qsort(seconds, (size_t)count, sizeof(*seconds), by_size);
-	return seconds[count / 2];
-}
-
-static void measure(struct bench *b, const struct scene *s, struct figure *f)
-{
-	size_t row = (size_t)output_row_floats(f->outputs);
-
-	make_points(s, f->count, f->coherent, b->points);
-	time_device(b, s, f);
-	time_copy(b, f->count, row);
-	for (int i = 0; i < f->repetitions; i++) {
-		f->seconds[0][i] = time_device(b, s, f);
-		f->seconds[1][i] = time_copy(b, f->count, row);
-		f->seconds[2][i] = time_native(b, f->count);
-		f->seconds[3][i] = time_float64(b, s, f);
-	}
-}
-
-static void report(const struct scene *s, struct figure *f)
-{
-	static const char *const outputs[] = {"", "value", "", "value gradient",
-		"", "", "", "with Hessian"};
-	double took[4];
-
-	for (int k = 0; k < 4; k++)
-		took[k] = median(f->seconds[k], f->repetitions);
-	printf("%-17s %-9s %-14s %8zu %9.3f %7.3f %8.3f %8.1f\n", s->name,
-	    f->coherent ? "coherent" : "random", outputs[f->outputs], f->count,
-	    1e-6 / took[0], took[1] / took[0], took[2] / took[0],
-	    took[3] / took[0]);
-	fflush(stdout);
-}
-
-static void report_scene(struct bench *b, const struct scene *s)
-{
-	static const unsigned both = OUTPUT_VALUE | OUTPUT_GRADIENT;
-	static const struct figure figures[] = {
-		{.count = 256, .outputs = both, .repetitions = 9},
-		{.count = 4096, .outputs = both, .repetitions = 9},
-		{.count = 1000000, .outputs = both, .repetitions = 3},
-		{.count = 1000000, .outputs = OUTPUT_VALUE, .repetitions = 3},
-		{.count = 1000000, .outputs = both | OUTPUT_HESSIAN,
-			.repetitions = 3},
-	};
-
-	for (size_t i = 0; i < 2 * sizeof(figures) / sizeof(*figures); i++) {
-		struct figure f = figures[i / 2];
-
-		f.coherent = i % 2 == 0;
-		measure(b, s, &f);
-		report(s, &f);
-	}
-}
-
-static void open_bench(struct bench *b)
-{
-	struct device_options options = {0};
-	struct device_failure failure = {0};
-	const struct device_info *info;
-
-	if (device_open(&options, &b->device, &failure)) {
-		fprintf(stderr, "%s\n", failure.message);
-		exit(1);
-	}
-	info = device_get_info(b->device);
-	printf("device: %s, width %d\n", info->name, info->width);
-	b->points = allocate(POINTS_MAX * 3 * sizeof(float));
-	b->rows = allocate(POINTS_MAX * ROW_MAX * sizeof(float));
-	b->other_points = allocate(POINTS_MAX * 3 * sizeof(float));
-	b->other_rows = allocate(POINTS_MAX * ROW_MAX * sizeof(float));
-}
-
-int main(void)
-{
-	struct scene scenes[SCENES];
-	struct bench *b = allocate(sizeof(*b));
-
-	open_bench(b);
-	make_scenes(b, scenes);
-	printf("scene             points    outputs           batch   10^6/s   "
-	    "/copy  /native     /f64\n");
+		report_scene(devices, scenes + i, quick);
 	for (int i = 0; i < SCENES; i++)
-		report_scene(b, scenes + i);
-	free_scenes(b, scenes);
-	device_close(b->device);
-	free(b->points);
-	free(b->rows);
-	free(b->other_points);
-	free(b->other_rows);
-	free(b);
-	return 0;
+		report_call(devices, scenes + i, &one, quick);
+	for (int i = 0; i < SCENES; i++)
+		scene_fini(scenes + i);
+	scene_fini(&one);
 }

@@ -1,22 +1,21 @@
 /*
- * Operator tables: what they weigh, how long they take to build, how far they
- * are from the exact operator. A table on stdout, one line a table; the error
- * is over the fixed sample that the daemon reports too.
+ * Operator tables: how long they take to build, on two threads, and how far they
+ * are from the exact operator over the fixed sample that the daemon reports
+ * too.
  *
- *   bench_tables          the built-in tables, and the paper's grid beside them
- *   bench_tables --sweep  size against error, from 8 to 128 nodes an axis
- *   bench_tables --orders the coarsest table for given errors in g, and a draft
+ *   /copy  a copy of the table's own bytes, in the same repetitions
  *
- * Build times are on two threads, as the daemon builds on two cores, also as a
- * ratio to a copy of the table's own bytes made in the same call.
+ * The part tables-sweep goes through sizes from 8 to 128 nodes an axis;
+ * tables-orders finds the coarsest table for given errors in g.
  */
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "core/table.h"
+#include "tests/bench/bench.h"
+#include "tests/bench/report.h"
 
 #define THREADS 2
 
@@ -30,14 +29,6 @@ struct share {
 
 /* Whose exact values are sampled. */
 static struct operator sampled;
-
-static double now(void)
-{
-	struct timespec t;
-
-	clock_gettime(CLOCK_MONOTONIC, &t);
-	return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static void *work(void *arg)
 {
@@ -80,12 +71,12 @@ static void share_out(struct share shares[static THREADS])
 static double in_threads(struct table *table, float *errors)
 {
 	struct share shares[THREADS];
-	double begin = now();
+	double begin = bench_now();
 
 	for (int i = 0; i < THREADS; i++)
 		shares[i] = (struct share){.table = table, .errors = errors};
 	share_out(shares);
-	return now() - begin;
+	return bench_now() - begin;
 }
 
 static double copy_seconds(const struct table *t)
@@ -100,32 +91,114 @@ static double copy_seconds(const struct table *t)
 	/* Once to touch the pages, once for the clock; the call through a volatile
 	 * pointer stays. */
 	copy(to, t->second, bytes);
-	begin = now();
+	begin = bench_now();
 	copy(to, t->second, bytes);
-	begin = now() - begin;
+	begin = bench_now() - begin;
 	free(to);
 	return begin * (double)table_bytes(t) / (double)bytes;
 }
 
-static void report(enum operator_family family, const struct profile *profile,
-    enum table_layout layout, int resolution)
+static void name_profile(const struct profile *profile, char *name,
+    size_t size)
+{
+	if (profile->type == PROFILE_BULGE)
+		snprintf(name, size, "bulge %.2g", profile->k);
+	else
+		snprintf(name, size, "%s", profile_name(profile->type));
+}
+
+/* The error of a built table over the sample. */
+static void measure(struct table *t, struct table_error *out)
 {
 	float *errors = malloc(sizeof(*errors) * TABLE_SAMPLE * TABLE_QUANTITIES);
+
+	if (!errors)
+		abort();
+	in_threads(t, errors);
+	table_error_summarise(errors, TABLE_SAMPLE, TABLE_SAMPLE, out);
+	free(errors);
+}
+
+/* ---- the usual run ---- */
+
+static double run_build(void *ctx)
+{
+	return in_threads(ctx, NULL);
+}
+
+static double run_copy(void *ctx)
+{
+	return copy_seconds(ctx);
+}
+
+static void report_error(const char *table, const char *of, double value)
+{
+	char name[128];
+	struct report_figure f = {"tables", name, "", value, value, value, {{NULL, 0.0}}};
+
+	snprintf(name, sizeof(name), "%s; %s", table, of);
+	report_add(&f);
+}
+
+static void report(enum operator_family family, const struct profile *profile,
+    enum table_layout layout, bool quick)
+{
+	struct race_runner list[] = {{.name = "build", .run = run_build},
+		{.name = "copy", .run = run_copy}};
+	int resolution = table_resolution(layout);
+	int n = quick || layout == LAYOUT_UNIFORM ? 1 : 3;
+	char profile_text[32], name[80];
+	struct table_error e;
+	struct table *t;
+
+	if (table_create(family, profile, layout, resolution, &t))
+		abort();
+	name_profile(profile, profile_text, sizeof(profile_text));
+	snprintf(name, sizeof(name), "%s, %s; %s %d; %.0f MiB",
+	    operator_family_name(family), profile_text,
+	    operator_layout_name(layout), resolution,
+	    (double)table_bytes(t) / (1 << 20));
+	race(list, 2, n, t);
+	race_report(list, 2, n, "tables", name, "ms", false, 1e3);
+	if (!quick) {
+		measure(t, &e);
+		report_error(name, "g, most", e.max[0]);
+		report_error(name, "g, mean", e.mean[0]);
+		report_error(name, "g1, 99th percentile", e.p99[1]);
+		report_error(name, "gt, 99th percentile", e.p99[3]);
+		report_error(name, "g11, 99th percentile", e.p99[4]);
+	}
+	table_free(t);
+}
+
+void bench_tables(bool quick)
+{
+	const struct profile profiles[] = {profile_smooth(),
+		profile_bulge(0.8)};
+
+	for (int f = 0; f < FAMILY_COUNT; f++)
+		for (int p = 0; p < (quick ? 1 : 2); p++)
+			for (int l = 0; l < (quick ? 1 : LAYOUT_COUNT); l++)
+				report((enum operator_family)f, profiles + p,
+				    (enum table_layout)l, quick);
+}
+
+/* ---- tables-sweep ---- */
+
+static void report_size(enum operator_family family,
+    const struct profile *profile, enum table_layout layout, int resolution)
+{
 	struct table_error e;
 	struct table *t;
 	double seconds, copy;
 	char name[32];
 
-	if (!errors || table_create(family, profile, layout, resolution, &t))
+	if (table_create(family, profile, layout, resolution, &t))
 		abort();
 	seconds = in_threads(t, NULL);
 	copy = copy_seconds(t);
-	in_threads(t, errors);
-	table_error_summarise(errors, TABLE_SAMPLE, TABLE_SAMPLE, &e);
-	if (profile->type == PROFILE_BULGE)
-		snprintf(name, sizeof(name), "bulge %.2g", profile->k);
-	else
-		snprintf(name, sizeof(name), "%s", profile_name(profile->type));
+	measure(t, &e);
+	name_profile(profile, name, sizeof(name));
 	printf("%-12s %-9s %-7s %4d %6.2f %6.2f %5.0f %6.0f  %.1e %.1e  "
 	    "%.1e %.1e %.1e  %.1e %.1e %.1e\n", operator_family_name(family),
 	    name, operator_layout_name(layout), resolution,
@@ -134,11 +207,27 @@ static void report(enum operator_family family, const struct profile *profile,
 	    e.max[0], e.mean[0], e.p99[1], e.p99[2], e.p99[3],
 	    e.p99[4], e.p99[5], e.p99[9]);
 	fflush(stdout);
-	free(errors);
 	table_free(t);
 }
 
-/* ---- --orders ---- */
+void bench_tables_sweep(void)
+{
+	static const int sizes[] = {8, 16, 24, 32, 48, 64, 96, 128};
+	const struct profile profiles[] = {profile_smooth(),
+		profile_bulge(0.8)};
+
+	printf("family       profile   layout     N  MiB-1  MiB-2    ms /copy  "
+	    "g max   g mean   p99 of g1, g2, gt        p99 of g11, g12, gtt\n");
+	for (int f = 0; f < FAMILY_COUNT; f++)
+		for (int p = 0; p < 2; p++)
+			for (size_t i = 0; i < sizeof(sizes) / sizeof(*sizes); i++)
+				for (int l = 0; l < LAYOUT_COUNT; l++)
+					report_size((enum operator_family)f,
+					    profiles + p, (enum table_layout)l,
+					    sizes[i]);
+}
+
+/* ---- tables-orders ---- */
 
 /* What was found of one family, profile and layout: resolutions are tried
  * once. */
@@ -236,7 +325,7 @@ static void report_orders(enum operator_family family,
 	free(exact);
 }
 
-static void orders(void)
+void bench_tables_orders(void)
 {
 	const struct profile profiles[] = {profile_smooth(),
 	    profile_bulge(0.8)};
@@ -246,31 +335,4 @@ static void orders(void)
 	for (int f = 0; f < FAMILY_COUNT; f++)
 		for (int p = 0; p < 2; p++)
 			report_orders((enum operator_family)f, &profiles[p]);
-}
-
-int main(int argc, char **argv)
-{
-	static const int sizes[] = {8, 16, 24, 32, 48, 64, 96, 128};
-	struct profile profiles[] = {profile_smooth(), profile_bulge(0.8)};
-	bool sweep = argc > 1 && strcmp(argv[1], "--sweep") == 0;
-
-	if (argc > 1 && strcmp(argv[1], "--orders") == 0) {
-		orders();
-		return 0;
-	}
-	printf("family       profile   layout     N  MiB-1  MiB-2    ms /copy  "
-	    "g max   g mean   p99 of g1, g2, gt        p99 of g11, g12, gtt\n");
-	for (int f = 0; f < FAMILY_COUNT; f++) {
-		for (int p = 0; p < 2; p++) {
-			if (!sweep) {
-				report(f, &profiles[p], LAYOUT_WARPED, 64);
-				report(f, &profiles[p], LAYOUT_UNIFORM, 128);
-				continue;
-			}
-			for (size_t i = 0; i < sizeof(sizes) / sizeof(*sizes); i++)
-				for (int l = 0; l < LAYOUT_COUNT; l++)
-					report(f, &profiles[p], l, sizes[i]);
-		}
-	}
-	return 0;
 }

@@ -1,6 +1,6 @@
 /*
  * The device against the float64 evaluator, on random trees of every node
- * type and operator, at every output order.
+ * type and operator, at every output order, however batches go through it.
  */
 #include <math.h>
 #include <setjmp.h>
@@ -19,7 +19,7 @@
 #include "core/table.h"
 #include "core/tape.h"
 #include "core/tree.h"
-#include "kernels/device.h"
+#include "kernels/device_internal.h"
 #include "tests/support/random_tree.h"
 #include "tests/support/sanitized.h"
 
@@ -29,11 +29,12 @@
 #define TABLES_MAX 64
 #define JET (OUTPUT_VALUE | OUTPUT_GRADIENT | OUTPUT_HESSIAN)
 
-/* Tables loaded so far; every kind of operator is built once. */
+/* Tables loaded so far; every kind of operator is built once, for both devices:
+ * one whose memory is as suits it, one that is sent copies. */
 struct loaded {
-	struct device *device;
+	struct device *device, *copied;
 	struct operator ops[TABLES_MAX];
-	int slots[TABLES_MAX];
+	int slots[TABLES_MAX], copied_slots[TABLES_MAX];
 	int count;
 };
 
@@ -46,34 +47,36 @@ static bool same_table(const struct operator *a, const struct operator *b)
 	    profile_equal(&a->profile, &b->profile);
 }
 
-static int slot_of(const struct operator *op)
+static int loaded_of(const struct operator *op)
 {
 	struct table *table;
 
 	for (int i = 0; i < loaded.count; i++)
 		if (same_table(loaded.ops + i, op))
-			return loaded.slots[i];
+			return i;
 	assert_true(loaded.count < TABLES_MAX);
 	assert_int_equal(table_create(op->family, &op->profile, op->layout,
 	    op->resolution, &table), ERR_OK);
 	table_build(table, 0, op->resolution);
 	assert_int_equal(device_load_table(loaded.device, table,
 	    loaded.slots + loaded.count), ERR_OK);
+	assert_int_equal(device_load_table(loaded.copied, table,
+	    loaded.copied_slots + loaded.count), ERR_OK);
 	table_free(table);
 	loaded.ops[loaded.count] = *op;
-	return loaded.slots[loaded.count++];
+	return loaded.count++;
 }
 
-static struct device_tape *load(const struct tape *tape)
+static struct device_tape *load(struct device *d, const struct tape *tape)
 {
 	int *slots = calloc(tape->operator_count + 1, sizeof(*slots));
 	struct device_tape *t = NULL;
 
 	assert_non_null(slots);
 	for (size_t i = 0; i < tape->operator_count; i++)
-		slots[i] = slot_of(tape->operators + i);
-	assert_int_equal(device_load_tape(loaded.device, tape, slots, &t),
-	    ERR_OK);
+		slots[i] = (d == loaded.device ? loaded.slots :
+		    loaded.copied_slots)[loaded_of(tape->operators + i)];
+	assert_int_equal(device_load_tape(d, tape, slots, &t), ERR_OK);
 	free(slots);
 	return t;
 }
@@ -82,8 +85,8 @@ static struct device_tape *load(const struct tape *tape)
 struct sample {
 	struct random_tree *tree;
 	struct tape *tape;
-	struct device_tape *device_tape;
-	float *xyz, *rows;
+	struct device_tape *device_tape, *copied_tape;
+	float *xyz, *rows, *others;
 };
 
 static struct sample sample_create(const struct random_tree_options *o)
@@ -95,26 +98,75 @@ static struct sample sample_create(const struct random_tree_options *o)
 	    &error), ERR_OK);
 	s.xyz = malloc(POINTS * 3 * sizeof(*s.xyz));
 	s.rows = malloc(POINTS * OUTPUT_ROW_MAX * sizeof(*s.rows));
+	s.others = malloc(POINTS * OUTPUT_ROW_MAX * sizeof(*s.others));
 	assert_non_null(s.xyz);
 	assert_non_null(s.rows);
+	assert_non_null(s.others);
 	random_tree_points(s.tree, s.tape, o->seed, POINTS, s.xyz);
-	s.device_tape = load(s.tape);
+	s.device_tape = load(loaded.device, s.tape);
+	s.copied_tape = load(loaded.copied, s.tape);
 	return s;
 }
 
 static void sample_free(struct sample *s)
 {
 	device_drop_tape(loaded.device, s->device_tape);
+	device_drop_tape(loaded.copied, s->copied_tape);
+	free(s->others);
 	free(s->rows);
 	free(s->xyz);
 	tape_free(s->tape);
 	random_tree_free(s->tree);
 }
 
+static void run_on(struct device *d, struct device_tape *t,
+    enum device_culling culling, const struct sample *s, unsigned outputs,
+    float *rows)
+{
+	d->culling = culling;
+	assert_int_equal(device_evaluate(d, t, s->xyz, POINTS, outputs, rows,
+	    NULL, NULL), ERR_OK);
+	d->culling = DEVICE_CULLING_PAYS;
+}
+
+/* In four parts that go together, culled. */
+static void run_parts(struct sample *s, unsigned outputs)
+{
+	static const size_t counts[] = {70, 1, 600, POINTS - 671};
+	size_t stride = (size_t)output_row_floats(outputs), done = 0;
+	struct device_part parts[4];
+
+	for (int i = 0; i < 4; i++) {
+		parts[i] = (struct device_part){s->xyz + 3 * done, counts[i],
+			s->others + stride * done};
+		done += counts[i];
+	}
+	loaded.device->culling = DEVICE_CULLING_ALWAYS;
+	assert_int_equal(device_evaluate_parts(loaded.device, s->device_tape,
+	    parts, 4, outputs), ERR_OK);
+	loaded.device->culling = DEVICE_CULLING_PAYS;
+}
+
+static void check_others(const struct sample *s, unsigned outputs)
+{
+	assert_memory_equal(s->others, s->rows, POINTS *
+	    (size_t)output_row_floats(outputs) * sizeof(*s->rows));
+}
+
+/* Every way through a device: all give the same bits, so that what is measured
+ * of one holds for all. */
 static void run(struct sample *s, unsigned outputs)
 {
-	assert_int_equal(device_evaluate(loaded.device, s->device_tape, s->xyz,
-	    POINTS, outputs, s->rows, NULL, NULL), ERR_OK);
+	run_on(loaded.device, s->device_tape, DEVICE_CULLING_NEVER, s, outputs,
+	    s->rows);
+	run_on(loaded.device, s->device_tape, DEVICE_CULLING_ALWAYS, s, outputs,
+	    s->others);
+	check_others(s, outputs);
+	run_parts(s, outputs);
+	check_others(s, outputs);
+	run_on(loaded.copied, s->copied_tape, DEVICE_CULLING_ALWAYS, s, outputs,
+	    s->others);
+	check_others(s, outputs);
 }
 
 static void exact(const struct sample *s, size_t i, int order, struct jet *out)
@@ -130,7 +182,9 @@ static int setup(void **state)
 	struct device_failure failure = {0};
 
 	(void)state;
-	if (device_open(&options, &loaded.device, &failure) != ERR_OK) {
+	if (device_open(&options, &loaded.device, &failure) != ERR_OK ||
+	    device_open_as(&options, DEVICE_MEMORY_COPIED, &loaded.copied,
+	    &failure) != ERR_OK) {
 		printf("%s\n%s\n", failure.message,
 		    failure.build_log ? failure.build_log : "");
 		device_failure_fini(&failure);
@@ -143,6 +197,7 @@ static int teardown(void **state)
 {
 	(void)state;
 	device_close(loaded.device);
+	device_close(loaded.copied);
 	return 0;
 }
 

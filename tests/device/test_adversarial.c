@@ -24,7 +24,7 @@
 #include "core/tape.h"
 #include "core/tree.h"
 #include "core/volume.h"
-#include "kernels/device.h"
+#include "kernels/device_internal.h"
 #include "tests/support/random_tree.h"
 
 #define TREES 250
@@ -443,6 +443,7 @@ static int slot_of(const struct operator *op)
 /* What one tree's rows add up to. */
 struct tally {
 	size_t trees, numbers, broken, extreme, negative, colors, normals;
+	size_t culled; /* rows that are others where the tape is culled */
 	double most_gradient, most_hessian;
 };
 
@@ -477,6 +478,33 @@ static void add_row(const float *row, struct tally *t)
 	}
 }
 
+/* The same, culled and in two parts that go together; without colours, of which
+ * nothing is culled. rows: with them. */
+static void run_culled(struct device_tape *t, const float *xyz,
+    const float *rows, struct tally *tally)
+{
+	static float got[POINTS * ROW];
+	unsigned outputs = OUTPUT_ALL & ~OUTPUT_COLOR;
+	const size_t stride = (size_t)output_row_floats(outputs);
+	const struct device_part parts[2] = {{xyz, 777, got},
+		{xyz + 3 * 777, POINTS - 777, got + 777 * stride}};
+
+	device->culling = DEVICE_CULLING_ALWAYS;
+	assert_int_equal(device_evaluate_parts(device, t, parts, 2, outputs),
+	    ERR_OK);
+	device->culling = DEVICE_CULLING_PAYS;
+	for (size_t i = 0; i < POINTS; i++) {
+		const float *row = got + i * stride;
+		float all[ROW];
+
+		memcpy(all, row, 10 * sizeof(*all));
+		memcpy(all + 10, rows + i * ROW + 10, 3 * sizeof(*all));
+		memcpy(all + 13, row + 10, 5 * sizeof(*all));
+		add_row(all, tally);
+		tally->culled += memcmp(all, rows + i * ROW, sizeof(all)) != 0;
+	}
+}
+
 /* False if the tree is beyond what tape_compile accepts. */
 static bool run(uint64_t seed, const struct hostile *h, struct tally *t)
 {
@@ -498,6 +526,7 @@ static bool run(uint64_t seed, const struct hostile *h, struct tally *t)
 	    OUTPUT_ALL, rows, NULL, NULL), ERR_OK);
 	for (size_t i = 0; i < POINTS; i++)
 		add_row(rows + i * ROW, t);
+	run_culled(loaded, xyz, rows, t);
 	t->trees++;
 	device_drop_tape(device, loaded);
 	tape_free(tape);
@@ -522,6 +551,13 @@ static void run_trees(bool whole)
 	    "%zu at the limit of float32, %zu fields under 0; gradients to "
 	    "%.1e, Hessians to %.1e\n", t.numbers / ROW, t.trees, (int)seed,
 	    t.broken, t.extreme, t.negative, t.most_gradient, t.most_hessian);
+	printf("measured: %zu rows differ where the tape is culled\n",
+	    t.culled);
+	/* Measured 0 and 137 of 500,000. A device's sin and cos may reduce a whole
+	 * vector's angles differently where one is over about 100: of twists by
+	 * that many radians, here of up to 1e9 a length, last bits depend on which
+	 * points go together. With angles held under 30 none differs. */
+	assert_true(t.culled <= (whole ? 1000u : 0u));
 	assert_true(t.numbers >= 500000u * ROW);
 	assert_int_equal(t.broken, 0);
 	assert_int_equal(t.negative, 0);

@@ -296,6 +296,23 @@ static void spoil_order(struct small *s)
 	s->insns[1].extra = 0;
 }
 
+/* What only pruning leaves. */
+static void spoil_zero(struct small *s)
+{
+	s->insns[0].op = OP_ZERO;
+}
+
+/* A run of more points than follow, of none that is followed by a sum. */
+static void spoil_run_length(struct small *s)
+{
+	s->insns[0].index = 3;
+}
+
+static void spoil_run(struct small *s)
+{
+	s->insns[0].index = 1;
+}
+
 static void spoil_index(struct small *s)
 {
 	s->insns[2].index = 1;
@@ -326,6 +343,9 @@ static void test_device_refuses_bad_tapes(void **state)
 	check_bad_tape(spoil_last_param, "instruction 4");
 	check_bad_tape(spoil_order, "more derivatives");
 	check_bad_tape(spoil_index, "operator");
+	check_bad_tape(spoil_zero, "by pruning only");
+	check_bad_tape(spoil_run_length, "a run beyond the last");
+	check_bad_tape(spoil_run, "a run of other things");
 	check_bad_tape(spoil_underflow, "too few jets");
 	check_bad_tape(spoil_leftover, "leaves 2 jets");
 	check_bad_tape(spoil_empty, "leaves 0 jets");
@@ -505,6 +525,41 @@ static void test_device_refuses_a_stack_too_deep(void **state)
 	tape.insn_count = n - 2;
 	assert_int_equal(device_load_tape(device, &tape, NULL, &t), ERR_OK);
 	device_drop_tape(device, t);
+}
+
+/* Points and sums in a row, marked as runs, give what they give one by one; and
+ * a run with another exponent in it is refused. */
+static void test_device_runs_of_points_are_their_sum(void **state)
+{
+	enum { N = 9 };
+	struct device_tape *t;
+	struct small s;
+	int slot;
+
+	(void)state;
+	memset(&s, 0, sizeof(s));
+	s.tape = (struct tape){.insns = s.insns, .params = s.params};
+	for (int i = 0; i < N; i++) {
+		add(&s, OP_POINT, 0, 6, (const double[]){0.2 * i - 0.8,
+		    0.1 * i, 0.0, 1.0 + i, 3.0, 0.7});
+		if (i > 0)
+			add(&s, OP_SUM, 0, 0, NULL);
+	}
+	t = load(device, &s, &slot);
+	assert_int_equal(device_evaluate(device, t, points, 1000, OUTPUT_ALL,
+	    whole, NULL, NULL), ERR_OK);
+	unload(device, t, slot);
+	tape_mark_runs(s.insns, s.tape.insn_count, s.params);
+	assert_int_equal(s.insns[1].index, N - 1);
+	t = load(device, &s, &slot);
+	assert_int_equal(device_evaluate(device, t, points, 1000, OUTPUT_ALL,
+	    rows, NULL, NULL), ERR_OK);
+	assert_memory_equal(rows, whole, 1000 * ROW * sizeof(*rows));
+	unload(device, t, slot);
+	s.params[6 * 5 + 4] = 4.0;
+	assert_int_equal(device_load_tape(device, &s.tape, NULL, &t),
+	    ERR_INVALID);
+	assert_non_null(strstr(device_message(device), "a run of other"));
 }
 
 static void test_device_refuses_slots_that_do_not_suit(void **state)
@@ -852,6 +907,7 @@ int main(void)
 		cmocka_unit_test(test_device_holds_the_deepest_warps),
 		cmocka_unit_test(test_device_colors_what_has_none),
 		cmocka_unit_test(test_device_refuses_a_stack_too_deep),
+		cmocka_unit_test(test_device_runs_of_points_are_their_sum),
 		cmocka_unit_test(test_device_refuses_slots_that_do_not_suit),
 		cmocka_unit_test(test_device_batches_of_every_size_agree),
 		cmocka_unit_test(test_device_batch_of_none_writes_nothing),

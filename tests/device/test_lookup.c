@@ -1,7 +1,8 @@
 /*
  * The device's table lookups against the same lookups in float64
  * (core/table.c): both layouts and families, tables of several sizes side by
- * side, in buffers and in images, every derivative.
+ * side, in buffers and in images, every derivative. And what they may not depend
+ * on: operands of 0, and the other points of a work-item.
  */
 #include <math.h>
 #include <setjmp.h>
@@ -222,12 +223,198 @@ static void test_lookup_in_images(void **state)
 	    .tables = DEVICE_TABLES_IMAGE}, "images, width 16");
 }
 
+/* --- operands of 0 ---------------------------------------------------------- */
+
+/* One ball, and another far beyond the reach of every point below. */
+#define BALL "{\"type\":\"point\",\"center\":[0,0,0],\"radius\":0.5}"
+#define FAR "{\"type\":\"point\",\"center\":[50,0,0],\"radius\":0.5}"
+/* One whose field underflows to 0 well within its support. */
+#define FAINT "{\"type\":\"point\",\"center\":[0,0,0],\"radius\":0.2," \
+	"\"exponent\":90}"
+/* And one that meets the ball in a part of the points. */
+#define NEAR "{\"type\":\"point\",\"center\":[0.5,0,0],\"radius\":0.5}"
+
+static struct device_tape *load_root(struct device *device, const char *root,
+    int *slot)
+{
+	struct document *d = parse(root);
+	const struct tape *tape = document_tape(d);
+	struct device_tape *out;
+	struct table *table;
+
+	if (tape->operator_count > 0) {
+		const struct operator *op = tape->operators;
+
+		assert_int_equal(table_create(op->family, &op->profile,
+		    op->layout, op->resolution, &table), ERR_OK);
+		table_build(table, 0, op->resolution);
+		assert_int_equal(device_load_table(device, table, slot), ERR_OK);
+		table_free(table);
+	}
+	assert_int_equal(device_load_tape(device, tape, slot, &out), ERR_OK);
+	document_free(d);
+	return out;
+}
+
+/* The rows of root at xyz. */
+static void rows_of(struct device *device, const char *root, const float *xyz,
+    float *rows)
+{
+	int slot = -1;
+	struct device_tape *tape = load_root(device, root, &slot);
+
+	assert_int_equal(device_evaluate(device, tape, xyz, POINTS,
+	    OUTPUT_VALUE | OUTPUT_GRADIENT | OUTPUT_HESSIAN, rows, NULL, NULL),
+	    ERR_OK);
+	device_drop_tape(device, tape);
+	if (slot >= 0)
+		device_drop_table(device, slot);
+}
+
+static const char *const openings[] = {"\"camel\"",
+	"{\"profile\":{\"type\":\"smooth\"},\"opening\":{\"theta\":0.3},"
+	"\"layout\":\"uniform\",\"resolution\":20}",
+	"{\"profile\":{\"type\":\"bulge\"},\"opening\":{\"theta\":0.3},"
+	"\"resolution\":20}",
+	"\"clean\"", "\"sharp\""};
+
+#define OPENINGS (sizeof(openings) / sizeof(*openings))
+
+static void expect_rows(struct device *device, const char *root,
+    const float *xyz, const float *want)
+{
+	static float rows[POINTS * ROW];
+
+	rows_of(device, root, xyz, rows);
+	for (int i = 0; i < POINTS * ROW; i++)
+		if (memcmp(rows + i, want + i, sizeof(float)) != 0)
+			fail_msg("%s: column %d is %.9g, not %.9g", root,
+			    i % ROW, (double)rows[i], (double)want[i]);
+}
+
+/* A pair either way round, of which the second's field is 0 everywhere. */
+static void check_zero(struct device *device, const char *type,
+    const char *first, const char *second, const float *xyz,
+    const float *want)
+{
+	char root[1024];
+
+	snprintf(root, sizeof(root), "{%s,\"children\":[%s,%s]}", type, first,
+	    second);
+	expect_rows(device, root, xyz, want);
+	snprintf(root, sizeof(root), "{%s,\"children\":[%s,%s]}", type, second,
+	    first);
+	expect_rows(device, root, xyz, want);
+}
+
+static void check_zeros(int width)
+{
+	static float xyz[3 * POINTS], ball[POINTS * ROW], faint[POINTS * ROW];
+	static const float nothing[POINTS * ROW];
+	static const char *const plain[] = {"\"type\":\"sum\"",
+		"\"type\":\"ricci\",\"n\":1", "\"type\":\"ricci\",\"n\":1.25",
+		"\"type\":\"ricci\",\"n\":2", "\"type\":\"ricci\",\"n\":1000"};
+	struct random_stream random = {11};
+	struct device_failure failure = {0};
+	struct device *device;
+	char type[512];
+
+	assert_int_equal(device_open(&(struct device_options){.width = width,
+	    .tables = DEVICE_TABLES_BUFFER}, &device, &failure), ERR_OK);
+	for (int i = 0; i < 3 * POINTS; i++)
+		xyz[i] = (float)random_in(&random, -1.2, 1.2);
+	rows_of(device, BALL, xyz, ball);
+	rows_of(device, FAINT, xyz, faint);
+	for (size_t i = 0; i < sizeof(plain) / sizeof(*plain); i++) {
+		check_zero(device, plain[i], BALL, FAR, xyz, ball);
+		check_zero(device, plain[i], FAINT, FAR, xyz, faint);
+	}
+	for (size_t i = 0; i < OPENINGS; i++) {
+		snprintf(type, sizeof(type), "\"type\":\"union\","
+		    "\"operator\":%s", openings[i]);
+		check_zero(device, type, BALL, FAR, xyz, ball);
+		check_zero(device, type, FAINT, FAR, xyz, faint);
+		if (i == 0)
+			continue; /* camel is a union only */
+		snprintf(type, sizeof(type), "\"type\":\"intersection\","
+		    "\"operator\":%s", openings[i]);
+		check_zero(device, type, BALL, FAR, xyz, nothing);
+	}
+	device_close(device);
+}
+
+static void test_operand_of_zero_leaves_the_other_or_zero(void **state)
+{
+	(void)state;
+	check_zeros(16);
+}
+
+static void test_operand_of_zero_one_by_one(void **state)
+{
+	(void)state;
+	check_zeros(1);
+}
+
+/*
+ * The points in two orders: at random, so that every work-item has lanes that
+ * blend, lanes that do not and lanes of 0, and sorted by x, so that many have
+ * lanes of one kind alone.
+ */
+static void check_neighbours(struct device *device, const char *root)
+{
+	static float xyz[3 * POINTS], sorted[3 * POINTS];
+	static float rows[POINTS * ROW], again[POINTS * ROW];
+	struct random_stream random = {13};
+
+	for (int i = 0; i < POINTS; i++) {
+		sorted[3 * i] = (float)(i * (2.4 / POINTS) - 1.2);
+		sorted[3 * i + 1] = (float)random_in(&random, -0.6, 0.6);
+		sorted[3 * i + 2] = (float)random_in(&random, -0.6, 0.6);
+	}
+	/* 1409 is prime to POINTS. */
+	for (int i = 0; i < POINTS; i++)
+		memcpy(xyz + 3 * (i * 1409 % POINTS), sorted + 3 * i,
+		    3 * sizeof(*xyz));
+	rows_of(device, root, sorted, rows);
+	rows_of(device, root, xyz, again);
+	for (int i = 0; i < POINTS; i++)
+		assert_memory_equal(rows + ROW * i, again + ROW *
+		    (i * 1409 % POINTS), ROW * sizeof(*rows));
+}
+
+static void test_lanes_do_not_depend_on_their_neighbours(void **state)
+{
+	struct device_failure failure = {0};
+	struct device *device;
+	char root[1024];
+
+	(void)state;
+	assert_int_equal(device_open(&(struct device_options){.width = 16,
+	    .tables = DEVICE_TABLES_BUFFER}, &device, &failure), ERR_OK);
+	for (size_t i = 0; i < OPENINGS; i++)
+		for (int k = i == 0 ? 2 : 0; k < 3; k++) {
+			static const char *const types[] = {"intersection",
+				"difference", "union"};
+
+			snprintf(root, sizeof(root), "{\"type\":\"%s\","
+			    "\"operator\":%s,\"children\":[%s,%s]}", types[k],
+			    openings[i], BALL, NEAR);
+			check_neighbours(device, root);
+		}
+	check_neighbours(device, "{\"type\":\"ricci\",\"n\":3,\"children\":["
+	    BALL "," NEAR "]}");
+	device_close(device);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_lookup_in_buffers),
 		cmocka_unit_test(test_lookup_in_buffers_one_by_one),
 		cmocka_unit_test(test_lookup_in_images),
+		cmocka_unit_test(test_operand_of_zero_leaves_the_other_or_zero),
+		cmocka_unit_test(test_operand_of_zero_one_by_one),
+		cmocka_unit_test(test_lanes_do_not_depend_on_their_neighbours),
 	};
 
 	return cmocka_run_group_tests_name("lookup", tests, NULL, NULL);

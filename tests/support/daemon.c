@@ -37,11 +37,13 @@ static const char *binary(void)
 	return path;
 }
 
-/* Starts the daemon with out (and err, if not -1) as its streams. */
+/* Starts the daemon with out (and err, if not -1) as its streams. Tests neither
+ * use nor change what the user's own daemon keeps, nor depend on what an
+ * earlier run has kept: arguments may name a cache. */
 static pid_t spawn(const char *const *arguments, int out, int err)
 {
-	const char *argv[ARGUMENTS_MAX] = {binary()};
-	int count = 1;
+	const char *argv[ARGUMENTS_MAX] = {binary(), "--no-cache"};
+	int count = 2;
 	pid_t pid;
 
 	while (arguments != NULL && *arguments != NULL &&

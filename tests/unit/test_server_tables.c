@@ -8,10 +8,13 @@
 #include <stdint.h>
 #include <cmocka.h>
 
+#include <stdlib.h>
 #include <unistd.h>
 
 #include "core/table.h"
+#include "server/table_cache.h"
 #include "server/tables.h"
+#include "tests/support/folder.h"
 
 static void changed(void *ctx)
 {
@@ -40,12 +43,12 @@ static struct table_entry *await_built(struct tables *t,
 	return entry;
 }
 
-static struct tables *start(void)
+static struct tables *start_with(struct table_cache *cache)
 {
 	struct tables *t;
 
 	assert_int_equal(tables_create(LAYOUT_WARPED, &t), ERR_OK);
-	assert_int_equal(tables_start(t, false, changed, NULL), ERR_OK);
+	assert_int_equal(tables_start(t, false, cache, changed, NULL), ERR_OK);
 	for (int i = 0; i < 4; i++) {
 		const struct table *table;
 		enum table_claim claim;
@@ -53,6 +56,11 @@ static struct tables *start(void)
 		tables_loaded(t, await_built(t, &table, &claim), i);
 	}
 	return t;
+}
+
+static struct tables *start(void)
+{
+	return start_with(NULL);
 }
 
 static void acquire(struct tables *t, double k, int resolution,
@@ -136,6 +144,74 @@ static void test_what_does_not_fit_is_passed_over_until_there_is_room(
 	tables_free(t);
 }
 
+/* Has t make the table of op resident. */
+static void load(struct tables *t, const struct operator *op,
+    struct table_entry **entry)
+{
+	struct table_entry *chosen;
+	struct table_choice choice = {.entries = entry, .count = 1,
+	    .chosen = &chosen};
+	const struct table *table;
+	enum table_claim claim;
+
+	assert_int_equal(tables_acquire(t, op, entry), ERR_OK);
+	tables_choose(t, &choice);
+	assert_ptr_equal(await_built(t, &table, &claim), *entry);
+	tables_loaded(t, *entry, 7);
+	tables_unask(t, &chosen, 1);
+}
+
+/* Five: the built-in ones and op's. */
+static void test_tables_are_kept_and_found_again(void **state)
+{
+	struct operator op = operator_of(0.35, 24), moving = operator_of(0.36, 24);
+	struct table_cache *cache;
+	struct table_entry *entries[2];
+	char folder[PATH_MAX];
+	struct tables *t;
+
+	(void)state;
+	op.draft = false;
+	folder_make(folder);
+	assert_int_equal(table_cache_create(folder, (size_t)1 << 30, &cache),
+	    ERR_OK);
+	t = start_with(cache);
+	load(t, &op, &entries[0]);
+	load(t, &moving, &entries[1]);
+	tables_measure(t);
+	for (int i = 0; i < 3000 && folder_count(folder, "figures-") < 5; i++)
+		usleep(10000);
+	tables_stop(t);
+	tables_release(t, entries[0]);
+	tables_release(t, entries[1]);
+	tables_free(t);
+	assert_int_equal(folder_count(folder, "table-"), 5);
+
+	/* Loaded, none is written again. */
+	t = start_with(cache);
+	load(t, &op, &entries[0]);
+	tables_measure(t);
+	for (int i = 0; i < 2; i++) {
+		struct table_report *list;
+		size_t count;
+
+		assert_int_equal(tables_report(t, &list, &count), ERR_OK);
+		assert_int_equal(count, 5);
+		for (size_t n = 0; n < count; n++) {
+			assert_int_equal(list[n].state, TABLE_RESIDENT);
+			assert_true(list[n].build_seconds > 0.0);
+		}
+		free(list);
+		usleep(50000);
+	}
+	tables_stop(t);
+	tables_release(t, entries[0]);
+	tables_free(t);
+	assert_int_equal(folder_count(folder, ""), 10);
+	table_cache_free(cache);
+	folder_remove(folder);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -143,6 +219,7 @@ int main(void)
 		test_a_table_being_uploaded_stays_when_its_wish_is_dropped),
 		cmocka_unit_test(
 		test_what_does_not_fit_is_passed_over_until_there_is_room),
+		cmocka_unit_test(test_tables_are_kept_and_found_again),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

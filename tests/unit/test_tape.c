@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "core/classic.h"
+#include "core/evaluate.h"
 #include "core/tape.h"
 #include "core/tree.h"
 #include "core/volume.h"
@@ -1155,8 +1156,182 @@ static void test_tape_of_random_trees_is_sound(void **state)
 		tape_free(t);
 		random_tree_free(r);
 	}
+	/* OP_ZERO is for pruned ones */
 	for (int op = 0; op < OP_COUNT; op++)
-		assert_true(seen[op]);
+		assert_true(seen[op] || op == OP_ZERO);
+}
+
+static void test_tape_marks_runs_of_points(void **state)
+{
+	struct node a = point(0.0), b = point(1.0), c = point(2.0);
+	struct node d = point(3.0), *children[] = {&a, &b, &c, &d};
+	struct node sum = composition(NODE_SUM, children, 4);
+	struct tape *t;
+
+	(void)state;
+	t = compile(&sum);
+	assert_ops(t, (unsigned[]){OP_POINT, OP_POINT, OP_SUM, OP_POINT,
+	    OP_SUM, OP_POINT, OP_SUM, OP_COUNT});
+	assert_int_equal(t->insns[0].index, 0);
+	assert_int_equal(t->insns[1].index, 3);
+	assert_int_equal(t->insns[3].index, 2);
+	assert_int_equal(t->insns[5].index, 1);
+	tape_free(t);
+
+	c.primitive.exponent = 4.0;
+	t = compile(&sum);
+	assert_int_equal(t->insns[1].index, 1);
+	assert_int_equal(t->insns[3].index, 0);
+	assert_int_equal(t->insns[5].index, 1);
+	tape_free(t);
+}
+
+static struct tape_box box_of(const struct tape *t, size_t i)
+{
+	assert_true(i < t->insn_count);
+	return t->boxes[i];
+}
+
+static void assert_box(struct tape_box b, double least, double most)
+{
+	/* along x; boxes are widened by 1e-6 times their numbers, thrice */
+	assert_near(b.min[0], least, 1e-5 * fmax(1.0, fabs(least)));
+	assert_near(b.max[0], most, 1e-5 * fmax(1.0, fabs(most)));
+	assert_true(b.min[0] < least && b.max[0] > most);
+}
+
+static void test_tape_boxes_follow_transforms_and_compositions(void **state)
+{
+	struct node a = point(0.0), b = point(1.5), *children[] = {&a, &b};
+	struct node both = composition(NODE_UNION, children, 2);
+	struct node minus = composition(NODE_DIFFERENCE, children, 2);
+	struct node meet = composition(NODE_INTERSECTION, children, 2);
+	struct tape *t;
+
+	(void)state;
+	move(&both, 10.0);
+	t = compile(&both);
+	assert_ops(t, (unsigned[]){OP_FRAME, OP_POINT, OP_POINT, OP_UNION,
+	    OP_COUNT});
+	assert_box(box_of(t, 1), 9.0, 11.0);
+	assert_box(box_of(t, 2), 10.5, 12.5);
+	assert_box(box_of(t, 3), 9.0, 12.5);
+	tape_free(t);
+	t = compile(&minus);
+	assert_box(box_of(t, 2), -1.0, 1.0);
+	tape_free(t);
+	t = compile(&meet);
+	assert_box(box_of(t, 2), 0.5, 1.0);
+	tape_free(t);
+	b.primitive.a.x = 3.0;
+	t = compile(&meet);
+	assert_true(box_of(t, 2).min[0] > box_of(t, 2).max[0]);
+	tape_free(t);
+}
+
+/* The way to a primitive of a tape: its warps, its frame. */
+struct way {
+	const struct insn *warps[TAPE_WARPS_MAX];
+	size_t warp_count;
+	const struct insn *frame; /* NULL: the base's */
+};
+
+static void follow(struct way *w, const struct insn *insn)
+{
+	if (insn->op == OP_FRAME)
+		w->frame = insn;
+	else if (insn->op == OP_ENTER)
+		w->warps[w->warp_count++] = insn;
+	else if (insn->op == OP_LEAVE)
+		w->warp_count--;
+	if (insn->op == OP_ENTER || insn->op == OP_LEAVE)
+		w->frame = NULL;
+}
+
+/* The value of a primitive alone. */
+static double value_alone(const struct tape *t, const struct way *w,
+    const struct insn *primitive, struct vec3 p)
+{
+	struct insn insns[2 * TAPE_WARPS_MAX + 2];
+	struct tape alone = *t;
+	struct jet jet;
+	size_t n = 0;
+
+	for (size_t i = 0; i < w->warp_count; i++)
+		insns[n++] = *w->warps[i];
+	if (w->frame)
+		insns[n++] = *w->frame;
+	insns[n++] = *primitive;
+	for (size_t i = w->warp_count; i-- > 0;) {
+		insns[n] = *w->warps[i];
+		insns[n++].op = OP_LEAVE;
+	}
+	alone.insns = insns;
+	alone.insn_count = n;
+	evaluate(&alone, p, 0, &jet);
+	return jet.value;
+}
+
+/* A point beyond a face of b, by a part of its size or hardly. */
+static struct vec3 point_outside(const struct tape_box *b,
+    struct random_stream *r)
+{
+	double x[3], off = exp2(random_in(r, -24.0, 1.0));
+	int face = random_below(r, 6), axis = face / 2;
+
+	for (int i = 0; i < 3; i++)
+		x[i] = random_in(r, fmax(b->min[i], -20.0f),
+		    fmin(b->max[i], 20.0f));
+	x[axis] = face % 2 ? b->max[axis] + off : b->min[axis] - off;
+	for (int i = 0; i < 3; i++)
+		x[i] = isfinite(x[i]) ? x[i] : 0.0;
+	return vec3(x[0], x[1], x[2]);
+}
+
+static bool is_outside(const struct tape_box *b, struct vec3 p)
+{
+	return p.x < b->min[0] || p.x > b->max[0] || p.y < b->min[1] ||
+	    p.y > b->max[1] || p.z < b->min[2] || p.z > b->max[2];
+}
+
+static void test_tape_primitives_are_0_outside_their_boxes(void **state)
+{
+	enum { TREES = 250, POINTS = 24 };
+	struct random_stream r = {5};
+	int tried = 0, bounded = 0, primitives = 0;
+
+	(void)state;
+	for (uint64_t seed = 0; seed < TREES; seed++) {
+		struct random_tree *tree = random_tree_create(
+		    &(struct random_tree_options){.seed = seed,
+		    .whole = seed % 2});
+		struct tape *t = compile(random_tree_get(tree)->root);
+		struct way way = {.warp_count = 0};
+
+		for (size_t i = 0; i < t->insn_count; i++) {
+			const struct insn *insn = t->insns + i;
+			const struct tape_box *b = t->boxes + i;
+
+			follow(&way, insn);
+			if (insn->op < OP_PRIMITIVES || insn->op >= OP_MAX)
+				continue;
+			primitives++;
+			bounded += isfinite(b->min[0]) && isfinite(b->max[2]);
+			for (int k = 0; k < POINTS; k++) {
+				struct vec3 p = point_outside(b, &r);
+
+				if (!is_outside(b, p))
+					continue;
+				tried++;
+				assert_true(value_alone(t, &way, insn, p) ==
+				    0.0);
+			}
+		}
+		tape_free(t);
+		random_tree_free(tree);
+	}
+	assert_true(tried > 20 * bounded);
+	assert_true(2 * bounded > primitives);
 }
 
 /* Compiles tree with the first, the second ... allocation failing, until none
@@ -1283,6 +1458,11 @@ int main(void)
 		cmocka_unit_test(
 		    test_tape_refuses_lengths_that_a_taper_takes_out_of_range),
 		cmocka_unit_test(test_tape_of_random_trees_is_sound),
+		cmocka_unit_test(test_tape_marks_runs_of_points),
+		cmocka_unit_test(
+		    test_tape_boxes_follow_transforms_and_compositions),
+		cmocka_unit_test(
+		    test_tape_primitives_are_0_outside_their_boxes),
 		cmocka_unit_test(test_tape_survives_every_failing_allocation),
 		cmocka_unit_test(
 		    test_tape_lets_go_of_volumes_when_an_allocation_fails),

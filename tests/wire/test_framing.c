@@ -151,7 +151,7 @@ static void test_length_over_the_limit_is_refused_unread(void **state)
 {
 	/* No body follows: the answer does not wait for it. */
 	assert_refused(state, POST_EVAL HOST TYPE
-	    "Content-Length: 70000000\r\n\r\n", 413, "67108864");
+	    "Content-Length: 140000000\r\n\r\n", 413, "134217728");
 }
 
 static void test_long_uri(void **state)
@@ -271,7 +271,7 @@ static void test_half_closed_get_is_answered(void **state)
 static void test_promised_gigabytes_take_no_memory(void **state)
 {
 	static const char text[] = POST_EVAL HOST TYPE
-	    "Content-Length: 67108864\r\n\r\n{";
+	    "Content-Length: 134217728\r\n\r\n{";
 	const struct daemon *d = *state;
 	char path[64], line[128] = "";
 	int fds[50];
@@ -319,8 +319,8 @@ static void test_expect_100_continue(void **state)
 
 static void test_expect_100_with_too_much_gets_413_at_once(void **state)
 {
-	assert_refused(state, POST_EVAL HOST TYPE "Content-Length: 99999999\r\n"
-	    "Expect: 100-continue\r\n\r\n", 413, "67108864");
+	assert_refused(state, POST_EVAL HOST TYPE "Content-Length: 199999999\r\n"
+	    "Expect: 100-continue\r\n\r\n", 413, "134217728");
 }
 
 /* Sends chunks of 64 KiB over the limit of a daemon of its own. */

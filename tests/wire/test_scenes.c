@@ -386,9 +386,9 @@ static void test_info_names_device_and_limits(void **state)
 	assert_true(strlen(cJSON_GetStringValue(cJSON_GetObjectItem(
 	    cJSON_GetObjectItem(json, "device"), "name"))) > 0);
 	assert_near(cJSON_GetNumberValue(cJSON_GetObjectItem(limits,
-	    "max_body")), 64.0 * 1024 * 1024, 0.0);
+	    "max_body")), 128.0 * 1024 * 1024, 0.0);
 	assert_near(cJSON_GetNumberValue(cJSON_GetObjectItem(limits,
-	    "max_points")), 4e6, 0.0);
+	    "max_points")), 8e6, 0.0);
 	assert_near(cJSON_GetNumberValue(cJSON_GetObjectItem(limits,
 	    "scene_memory")), 1024.0 * 1024 * 1024, 0.0);
 	cJSON_Delete(json);

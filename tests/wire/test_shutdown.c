@@ -188,23 +188,47 @@ static void test_sigterm_finishes_what_runs_and_what_waits(void **state)
 	put_scene(d.url);
 	slow_start(&running, d.url, 1000000);
 	await_queue(d.url, 0, 1);
-	slow_start(&waiting, d.url, 100000);
-	await_queue(d.url, 1, 1);
+	slow_start(&waiting, d.url, 200000);
+	await_queue(d.url, 0, 2);
 	assert_int_equal(daemon_stop(&d, SIGTERM), 0);
 	assert_int_equal(slow_finish(&running), 200);
 	assert_int_equal(slow_finish(&waiting), 200);
 }
 
 /* Longer than requests that are still arriving are given. */
+/* The head of an evaluation of so many points, both ways in octets. */
+static void send_head(int fd, size_t points)
+{
+	char head[256];
+	int length = snprintf(head, sizeof head, "POST /v1/scenes/slow/eval"
+	    "?outputs=hessian HTTP/1.1\r\nHost: h\r\n"
+	    "Content-Type: application/octet-stream\r\n"
+	    "Accept: application/octet-stream\r\n"
+	    "Content-Length: %zu\r\n\r\n", points * 12);
+
+	assert_true(send(fd, head, (size_t)length, MSG_NOSIGNAL) == length);
+}
+
+static void send_zeros(int fd, size_t length)
+{
+	static const char zeros[65536];
+
+	while (length > 0) {
+		ssize_t n = send(fd, zeros, length < sizeof zeros ? length :
+		    sizeof zeros, MSG_NOSIGNAL);
+
+		assert_true(n > 0);
+		length -= (size_t)n;
+	}
+}
+
+/* Its evaluation waits for it, too: it is under way until all has been read. */
 static void test_sigterm_waits_for_a_slow_reader(void **state)
 {
-	static const char head[] = "POST /v1/scenes/slow/eval?outputs=hessian "
-	    "HTTP/1.1\r\nHost: h\r\nContent-Type: application/octet-stream"
-	    "\r\nAccept: application/octet-stream\r\n"
-	    "Content-Length: 12000000\r\n\r\n";
-	size_t body = 12000000, got = 0;
-	char *zeros = calloc(1, body);
+	static char buffer[65536];
+	const size_t points = 1000000;
 	struct daemon d;
+	size_t got = 0;
 	ssize_t n;
 	int fd;
 
@@ -213,20 +237,15 @@ static void test_sigterm_waits_for_a_slow_reader(void **state)
 	daemon_await_ready(&d);
 	put_scene(d.url);
 	fd = http_connect(d.port);
-	assert_true(send(fd, head, sizeof head - 1, MSG_NOSIGNAL) > 0);
-	for (size_t at = 0; at < body; at += (size_t)n) {
-		n = send(fd, zeros + at, body - at, MSG_NOSIGNAL);
-		assert_true(n > 0);
-	}
+	send_head(fd, points);
+	send_zeros(fd, points * 12);
 	await_queue(d.url, 0, 1);
-	await_queue(d.url, 0, 0);
 	kill(d.pid, SIGTERM);
 	sleep(7);
-	while ((n = recv(fd, zeros, body, 0)) > 0)
+	while ((n = recv(fd, buffer, sizeof buffer, 0)) > 0)
 		got += (size_t)n;
 	close(fd);
-	free(zeros);
-	assert_true(got > 24000000);
+	assert_true(got > points * 24);
 	assert_int_equal(daemon_stop(&d, 0), 0);
 }
 
@@ -328,8 +347,8 @@ static void test_a_full_queue_answers_503_and_when_to_retry(void **state)
 	put_scene(d.url);
 	slow_start(&running, d.url, 1000000);
 	await_queue(d.url, 0, 1);
-	slow_start(&waiting, d.url, 1000);
-	await_queue(d.url, 1, 1);
+	slow_start(&waiting, d.url, 1000000);
+	await_queue(d.url, 0, 2);
 	http_json(d.url, NULL, "/v1/eval", small, &reply);
 	assert_int_equal(reply.status, 503);
 	assert_non_null(strstr(reply.body, "/problems/queue-full"));
@@ -349,23 +368,21 @@ static void test_who_hangs_up_frees_the_place_in_the_queue(void **state)
 {
 	static const char *const arguments[] = {"--no-measure", "--queue", "1",
 	    NULL};
-	char eval[1024];
+	const size_t points = 200000;
 	struct slow running;
 	struct daemon d;
 	int fd;
 
 	(void)state;
-	snprintf(eval, sizeof eval, "POST /v1/eval HTTP/1.1\r\nHost: h\r\n"
-	    "Content-Type: application/json\r\nContent-Length: %zu\r\n\r\n%s",
-	    strlen(small), small);
 	daemon_start(&d, arguments);
 	daemon_await_ready(&d);
 	put_scene(d.url);
 	slow_start(&running, d.url, 2000000);
 	await_queue(d.url, 0, 1);
 	fd = http_connect(d.port);
-	assert_true(send(fd, eval, strlen(eval), MSG_NOSIGNAL) > 0);
-	await_queue(d.url, 1, 1);
+	send_head(fd, points);
+	send_zeros(fd, points * 12);
+	await_queue(d.url, 0, 2);
 	close(fd);
 	await_queue(d.url, 0, 1);
 	assert_int_equal(slow_finish(&running), 200);

@@ -1,0 +1,394 @@
+/*
+ * One scan of the list with a stack of what its jets' instructions have become:
+ * where they begin in the result, and which frame and colour held before, so
+ * that they can be cut off again.
+ */
+#include "core/prune.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+/* What a composition does with an operand that is 0. */
+enum rule {
+	RULE_STATE,  /* none: FRAME, COLOR, ENTER */
+	RULE_PUSH,
+	RULE_CHANGE, /* CARRY */
+	RULE_LEAVE,
+	RULE_EITHER, /* is the other one */
+	RULE_BOTH,   /* is 0 */
+	RULE_FIRST,  /* is 0 of the first operand, something of the second */
+	RULE_SECOND, /* the same, swapped */
+	RULE_NONE    /* may be anything */
+};
+
+static const unsigned char rules[OP_COUNT] = {
+	[OP_FRAME] = RULE_STATE, [OP_COLOR] = RULE_STATE,
+	[OP_ENTER] = RULE_STATE, [OP_CARRY] = RULE_CHANGE,
+	[OP_LEAVE] = RULE_LEAVE,
+	[OP_POINT] = RULE_PUSH, [OP_SEGMENT] = RULE_PUSH,
+	[OP_TRIANGLE] = RULE_PUSH, [OP_DISC] = RULE_PUSH,
+	[OP_CIRCLE] = RULE_PUSH, [OP_SPHERE] = RULE_PUSH,
+	[OP_BOX] = RULE_PUSH, [OP_CYLINDER] = RULE_PUSH,
+	[OP_CAPSULE] = RULE_PUSH, [OP_CONE] = RULE_PUSH,
+	[OP_TORUS] = RULE_PUSH, [OP_PLANE] = RULE_PUSH,
+	[OP_CAUCHY_POINT] = RULE_PUSH, [OP_CAUCHY_SEGMENT] = RULE_PUSH,
+	[OP_CAUCHY_TRIANGLE] = RULE_PUSH, [OP_VOLUME] = RULE_PUSH,
+	[OP_ZERO] = RULE_PUSH,
+	[OP_MAX] = RULE_EITHER, [OP_SUM] = RULE_EITHER,
+	[OP_RICCI] = RULE_EITHER, [OP_UNION] = RULE_EITHER,
+	[OP_MIN] = RULE_BOTH, [OP_INTERSECTION] = RULE_BOTH,
+	[OP_MINUS] = RULE_FIRST, [OP_DIFFERENCE] = RULE_FIRST,
+	[OP_MINUS_SWAPPED] = RULE_SECOND, [OP_DIFFERENCE_SWAPPED] = RULE_SECOND,
+	[OP_CLASSIC] = RULE_NONE, [OP_CLASSIC_SWAPPED] = RULE_NONE,
+};
+
+static const struct tape_box nowhere = {
+	{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+
+/* Instructions of the list that set frame and colour, or: */
+#define AS_IT_BEGAN SIZE_MAX   /* none has */
+#define NOT_KNOWN (SIZE_MAX - 1)
+
+struct state {
+	size_t frame, color;
+};
+
+/* The instructions of a jet, or of a warp entered: from begin on, if it is not
+ * dropped; before them the result had state. */
+struct piece {
+	size_t begin;
+	struct state state;
+	bool alive;
+};
+
+/* Four numbers that are compared at once. */
+typedef float lanes __attribute__((vector_size(16)));
+typedef int32_t lane_masks __attribute__((vector_size(16)));
+
+/* A box as other boxes are compared with it: overlapping quarters of theirs,
+ * min[0] to max[0] and min[2] to max[2], each have a lane of no account. */
+struct probe {
+	lanes most, least;
+};
+
+#define QUARTER (2 * sizeof(float))
+
+static struct probe probe_of(const struct tape_box *b)
+{
+	return (struct probe){
+	    {b->max[0], b->max[1], b->max[2], INFINITY},
+	    {-INFINITY, b->min[0], b->min[1], b->min[2]}};
+}
+
+struct scan {
+	const struct prune_list *from;
+	struct probe probe;
+	struct insn *insns; /* the result's */
+	struct tape_box *boxes;
+	size_t count;
+	struct state has, wants; /* of the result so far, of the list so far */
+	struct piece jets[TAPE_STACK_MAX], *end;
+	struct piece warps[TAPE_WARPS_MAX], *warp;
+};
+
+static inline bool meets(const struct tape_box *b, const struct probe *probe)
+{
+	lanes low, high;
+	lane_masks all;
+	uint64_t halves[2];
+
+	memcpy(&low, b, sizeof(low));
+	memcpy(&high, (const char *)b + QUARTER, sizeof(high));
+	all = (low <= probe->most) & (high >= probe->least);
+	memcpy(halves, &all, sizeof(halves));
+	return (halves[0] & halves[1]) == UINT64_MAX;
+}
+
+static inline void keep(struct scan *s, size_t i)
+{
+	s->insns[s->count] = s->from->insns[i];
+	s->boxes[s->count++] = s->from->boxes[i];
+}
+
+/* Drops everything from where p began. */
+static inline void cut(struct scan *s, struct piece *p)
+{
+	s->count = p->begin;
+	s->has = p->state;
+	p->alive = false;
+}
+
+/* A primitive that is alive, in its frame and colour. */
+static inline void keep_primitive(struct scan *s, size_t i)
+{
+	if (s->has.frame != s->wants.frame) {
+		s->has.frame = s->wants.frame;
+		keep(s, s->has.frame);
+	}
+	if (s->has.color != s->wants.color) {
+		s->has.color = s->wants.color;
+		keep(s, s->has.color);
+	}
+	keep(s, i);
+}
+
+static inline void push(struct scan *s, size_t i)
+{
+	struct piece *p = s->end++;
+
+	p->begin = s->count;
+	p->state = s->has;
+	p->alive = meets(s->from->boxes + i, &s->probe);
+	if (p->alive)
+		keep_primitive(s, i);
+}
+
+/* A primitive with what is done to it alone, and the union or sum that takes it:
+ * without it nothing changes. */
+struct term {
+	size_t first, last; /* the primitive, the composition */
+	struct state wants;
+};
+
+/* Terms that are looked at before those alive are kept: no branch depends on
+ * which they are. */
+#define TERMS 64
+
+/*
+ * Finds terms from instruction i on, up to something else; those that are alive
+ * to terms, how many to *alive. Returns the next instruction.
+ */
+static size_t find_terms(struct scan *s, size_t i,
+    struct term terms[static TERMS + 1], size_t *alive)
+{
+	const struct insn *insns = s->from->insns;
+	const struct tape_box *boxes = s->from->boxes;
+	const struct probe probe = s->probe;
+	struct state wants = s->wants;
+	size_t n = 0, end = s->from->count;
+
+	while (n < TERMS && i + 1 < end) {
+		unsigned rule = rules[insns[i].op], next;
+		size_t last = i + 1;
+
+		if (rule != RULE_PUSH) {
+			if (insns[i].op == OP_FRAME)
+				wants.frame = i++;
+			else if (insns[i].op == OP_COLOR)
+				wants.color = i++;
+			else
+				break;
+			continue;
+		}
+		next = rules[insns[last].op];
+		if (next == RULE_CHANGE && i + 2 < end)
+			next = rules[insns[++last].op];
+		if (next != RULE_EITHER)
+			break;
+		terms[n] = (struct term){i, last, wants};
+		n += meets(boxes + i, &probe);
+		i = last + 1;
+	}
+	s->wants = wants;
+	*alive = n;
+	return i;
+}
+
+static void keep_term(struct scan *s, const struct term *t)
+{
+	struct piece *a = s->end - 1;
+
+	s->wants = t->wants;
+	keep_primitive(s, t->first);
+	if (t->first + 1 < t->last)
+		keep(s, t->first + 1);
+	if (a->alive)
+		keep(s, t->last);
+	a->alive = true;
+}
+
+/* From instruction i on; the next one. */
+static size_t add_terms(struct scan *s, size_t i)
+{
+	struct term terms[TERMS + 1];
+	size_t count, next = find_terms(s, i, terms, &count);
+	struct state wants = s->wants;
+
+	for (size_t k = 0; k < count; k++)
+		keep_term(s, terms + k);
+	s->wants = wants;
+	return next;
+}
+
+/* OP_ZERO in front of what is from place on. */
+static void insert_zero(struct scan *s, size_t place)
+{
+	size_t after = s->count++ - place;
+
+	memmove(s->insns + place + 1, s->insns + place,
+	    after * sizeof(*s->insns));
+	memmove(s->boxes + place + 1, s->boxes + place,
+	    after * sizeof(*s->boxes));
+	s->insns[place] = (struct insn){.op = OP_ZERO};
+	s->boxes[place] = nowhere;
+}
+
+static void enter(struct scan *s, size_t i)
+{
+	assert(s->warp < s->warps + TAPE_WARPS_MAX);
+	*s->warp++ = (struct piece){s->count, s->has, true};
+	keep(s, i);
+	s->has.frame = s->wants.frame = NOT_KNOWN;
+}
+
+static void leave(struct scan *s, size_t i)
+{
+	struct piece *warp = --s->warp, *jet = s->end - 1;
+	bool alive = jet->alive;
+
+	*jet = *warp;
+	if (!alive) {
+		cut(s, jet);
+		return;
+	}
+	keep(s, i);
+	s->has.frame = s->wants.frame = NOT_KNOWN;
+}
+
+static void set_state(struct scan *s, size_t i, unsigned op)
+{
+	if (op == OP_FRAME)
+		s->wants.frame = i;
+	else if (op == OP_COLOR)
+		s->wants.color = i;
+	else
+		enter(s, i);
+}
+
+/* A composition of which an operand is 0; a: the first on the stack. */
+static void compose_zero(struct scan *s, size_t i, unsigned rule,
+    struct piece *a, const struct piece *b)
+{
+	bool first = rule == RULE_SECOND ? b->alive : a->alive;
+
+	if (rule == RULE_EITHER) {
+		a->alive |= b->alive;
+		return;
+	}
+	if (rule == RULE_BOTH || (rule != RULE_NONE && !first)) {
+		cut(s, a);
+		return;
+	}
+	if (!a->alive)
+		insert_zero(s, a->begin);
+	if (!b->alive)
+		insert_zero(s, s->count);
+	a->alive = true;
+	keep(s, i);
+}
+
+static inline void compose(struct scan *s, size_t i, unsigned rule)
+{
+	struct piece *b = --s->end, *a = b - 1;
+
+	if ((rule == RULE_BOTH || rule == RULE_NONE) &&
+	    !meets(s->from->boxes + i, &s->probe))
+		cut(s, a);
+	else if (!a->alive || !b->alive)
+		compose_zero(s, i, rule, a, b);
+	else
+		keep(s, i);
+}
+
+static inline void step(struct scan *s, size_t i)
+{
+	unsigned op = s->from->insns[i].op, rule = rules[op];
+
+	if (rule == RULE_PUSH)
+		push(s, i);
+	else if (rule >= RULE_EITHER)
+		compose(s, i, rule);
+	else if (rule == RULE_STATE)
+		set_state(s, i, op);
+	else if (rule == RULE_LEAVE)
+		leave(s, i);
+	else if (s->end[-1].alive)
+		keep(s, i);
+}
+
+void prune_operands(const struct prune_list *from, const struct tape_box *box,
+    struct prune_list *out)
+{
+	const struct state none = {AS_IT_BEGAN, AS_IT_BEGAN};
+	struct scan s;
+
+	s.from = from;
+	s.probe = probe_of(box);
+	s.insns = out->insns;
+	s.boxes = out->boxes;
+	s.count = 0;
+	s.has = s.wants = none;
+	s.end = s.jets;
+	s.warp = s.warps;
+	for (size_t i = 0; i < from->count;) {
+		size_t next = add_terms(&s, i);
+
+		if (next == i)
+			step(&s, next++);
+		i = next;
+	}
+	if (!s.jets[0].alive) {
+		s.count = 0;
+		insert_zero(&s, 0);
+	}
+	out->count = s.count;
+}
+
+/* The orders that insn, of extra, asks of its operands. */
+static unsigned asks(const struct insn *insn, unsigned extra,
+    const bool *is_constant)
+{
+	if (insn->op >= OP_UNION && !is_constant[insn->index])
+		extra++;
+	return extra < 2 ? extra : 2;
+}
+
+/* From the end: what has not been asked for yet is on the stack, deepest
+ * first. */
+void prune_orders(struct prune_list *list, const bool *is_constant)
+{
+	unsigned jets[TAPE_STACK_MAX + 1] = {0}, warps[TAPE_WARPS_MAX];
+	size_t jet = 1, warp = 0;
+	unsigned last = 0; /* of the primitive that FRAME and COLOR precede */
+
+	for (size_t i = list->count; i-- > 0;) {
+		struct insn *insn = list->insns + i;
+		unsigned rule = rules[insn->op];
+
+		if (rule == RULE_PUSH) {
+			insn->extra = last = jets[--jet];
+		} else if (rule >= RULE_EITHER) {
+			insn->extra = jets[jet - 1];
+			jets[jet - 1] = asks(insn, insn->extra, is_constant);
+			jets[jet] = jets[jet - 1];
+			jet++;
+		} else if (insn->op == OP_ENTER) {
+			insn->extra = warps[--warp];
+		} else if (rule == RULE_STATE) {
+			insn->extra = last;
+		} else {
+			insn->extra = jets[jet - 1];
+			if (rule == RULE_LEAVE)
+				warps[warp++] = insn->extra;
+		}
+	}
+}
+
+void prune(const struct prune_list *from, const struct tape_box *box,
+    const bool *is_constant, struct prune_list *out)
+{
+	prune_operands(from, box, out);
+	prune_orders(out, is_constant);
+}
