@@ -56,8 +56,8 @@ FUZZ := $(patsubst tests/fuzz/%.c,build/fuzz/%,$(wildcard tests/fuzz/fuzz_*.c))
 
 # What the kernels are made of. Order matters: constants shared with C, types,
 # functions, entry points.
-CL := $(addprefix core/,opcode.h tile.h output.h descriptor.h curve.h table_shape.h \
-	warp.h classic.h convolution.h) \
+CL := $(addprefix core/,opcode.h tile.h output.h descriptor.h curve.h \
+	table_shape.h warp.h classic.h convolution.h) \
 	$(addprefix kernels/,prelude.cl convolution.cl primitive.cl volume.cl \
 	warp.cl curve.cl fetch.cl table.cl classic.cl compose.cl surface.cl \
 	interpreter.cl)
@@ -118,8 +118,11 @@ $(B)/tests/unit/test_server_tables: $(addprefix $(B)/,server/tables.o \
 
 # The scheduler, before a device that the test plays.
 $(B)/tests/unit/test_server_scheduler: $(addprefix $(B)/,$(patsubst %.c,%.o,\
-	$(wildcard server/scheduler*.c)) server/program.o server/tables.o \
+	$(wildcard server/scheduler*.c)) server/program.o server/pace.o \
+	server/tables.o \
 	server/crew.o server/log.o server/table_cache.o kernels/cache_file.o)
+
+$(B)/tests/unit/test_server_pace: $(B)/server/pace.o
 
 # The files of the cache, without a device.
 $(B)/tests/unit/test_table_cache: $(addprefix $(B)/,server/table_cache.o \
@@ -201,6 +204,7 @@ check-kernels:
 	@mkdir -p $(B)
 	@cat $(CL) > $(B)/kernels.cl
 	@for options in -DWIDTH=1 -DWIDTH=4 -DWIDTH=16 \
+	    '-DWIDTH=16 -march=skylake-avx512' \
 	    '-DWIDTH=1 -DTABLES_IMAGE' '-DWIDTH=16 -DTABLES_IMAGE'; do \
 		clang -x cl -cl-std=CL1.2 -Xclang -finclude-default-header \
 		    -fsyntax-only -Wall -Werror -Wno-unused-function $$options \
@@ -237,7 +241,7 @@ build/fuzz/%: tests/fuzz/%.c $(wildcard core/*.[ch] proto/*.[ch])
 
 # What the README's links lead to, at the same places below it.
 DOCS := README.md LICENSE CHANGELOG.md core/README.md proto/README.md \
-	proto/DOCUMENT.md proto/document.schema.json
+	proto/DOCUMENT.md proto/document.schema.json tests/bench/RESULTS.md
 
 .PHONY: install
 install: $(B)/blobfieldd

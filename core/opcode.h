@@ -35,9 +35,14 @@
 #define OP_ENTER 3        /* a[9], t[3], warp_prepare's; index: WARP_TWIST ... */
 #define OP_LEAVE 4        /* the parameters and index of its OP_ENTER */
 /* soft objects: f = weight (1 - d^2/R^2)^n */
-#define OP_POINT 5        /* c[3], inv_r2, n, weight; index: if n is 3 and
-                           * OP_SUM follows, the count of such pairs in a row
-                           * from here on (tape_mark_runs), else 0 */
+#define OP_POINT 5        /* c[3], inv_r2, n, weight; index: 0, or the count of
+                           * pairs in a row from here on: of a point of n 3
+                           * that OP_SUM follows in the whole tape, and that
+                           * OP_SUM. Pruned lists have the same pairs, but for
+                           * those of which a part is dropped, so that a pair
+                           * may be rounded once where it is one (fused): a
+                           * point whose OP_SUM is dropped is added to 0,
+                           * which rounds alike, and so has index 0 */
 #define OP_SEGMENT 6      /* a[3], u[3], length, Ra, (Rb-Ra)/length, n, weight */
 #define OP_TRIANGLE 7     /* a[3], b[3], c[3], inv_r2, n, weight */
 #define OP_DISC 8         /* c[3], u[3], disc_radius, inv_r2, n, weight */

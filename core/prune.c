@@ -8,6 +8,7 @@
 #include <assert.h>
 #include <math.h>
 #include <stdint.h>
+#include <stdlib.h>
 #include <string.h>
 
 /* What a composition does with an operand that is 0. */
@@ -82,8 +83,49 @@ static struct probe probe_of(const struct tape_box *b)
 	    {-INFINITY, b->min[0], b->min[1], b->min[2]}};
 }
 
+/* A primitive with what is done to it alone, and the union or sum that takes it:
+ * without it nothing changes. */
+struct term {
+	size_t first, last; /* the primitive, the composition */
+	struct state wants;
+};
+
+/* Terms that are looked at before those alive are kept: no branch depends on
+ * which they are. */
+#define TERMS 64
+
+/* Terms of an index that are compared at once, a row: six sides of their boxes,
+ * each of all of them. */
+#define ROW 16
+
+struct row {
+	float min[3][ROW], max[3][ROW];
+};
+
+/* Terms in a row, of instructions begin to end, and what they end with. */
+struct chain {
+	size_t begin, end;
+	size_t first, count; /* of the terms; first is a row's */
+	struct state wants;
+};
+
+/* Chains shorter than this are not worth an entry. */
+#define CHAIN_LEAST 32
+
+/* A term's state: what held when its chain began. */
+#define INHERITED (SIZE_MAX - 2)
+
+struct prune_index {
+	struct chain *chains;
+	size_t chain_count, chain_max;
+	struct term *terms;
+	struct row *rows;
+	size_t term_count, term_max; /* whole rows */
+};
+
 struct scan {
 	const struct prune_list *from;
+	const struct chain *chain, *chains_end; /* the next one */
 	struct probe probe;
 	struct insn *insns; /* the result's */
 	struct tape_box *boxes;
@@ -145,17 +187,6 @@ static inline void push(struct scan *s, size_t i)
 		keep_primitive(s, i);
 }
 
-/* A primitive with what is done to it alone, and the union or sum that takes it:
- * without it nothing changes. */
-struct term {
-	size_t first, last; /* the primitive, the composition */
-	struct state wants;
-};
-
-/* Terms that are looked at before those alive are kept: no branch depends on
- * which they are. */
-#define TERMS 64
-
 /*
  * Finds terms from instruction i on, up to something else; those that are alive
  * to terms, how many to *alive. Returns the next instruction.
@@ -196,6 +227,15 @@ static size_t find_terms(struct scan *s, size_t i,
 	return i;
 }
 
+/* The last instruction kept, whose OP_SUM is dropped, is in no pair. */
+static inline void part_pair(struct scan *s)
+{
+	struct insn *last = s->insns + s->count - 1;
+
+	if (last->op == OP_POINT)
+		last->index = 0;
+}
+
 static void keep_term(struct scan *s, const struct term *t)
 {
 	struct piece *a = s->end - 1;
@@ -206,6 +246,8 @@ static void keep_term(struct scan *s, const struct term *t)
 		keep(s, t->first + 1);
 	if (a->alive)
 		keep(s, t->last);
+	else
+		part_pair(s);
 	a->alive = true;
 }
 
@@ -220,6 +262,69 @@ static size_t add_terms(struct scan *s, size_t i)
 		keep_term(s, terms + k);
 	s->wants = wants;
 	return next;
+}
+
+/* Keeps a term of a chain that began with state. */
+static void keep_chained(struct scan *s, const struct term *t,
+    const struct state *began)
+{
+	struct term term = *t;
+
+	if (term.wants.frame == INHERITED)
+		term.wants.frame = began->frame;
+	if (term.wants.color == INHERITED)
+		term.wants.color = began->color;
+	keep_term(s, &term);
+}
+
+/* Whether boxes of a row meet s's: of each all bits are set, or none. False:
+ * none does. */
+static inline bool meet_row(const struct row *row, const struct probe *probe,
+    uint32_t hits[static ROW])
+{
+	uint64_t some = 0, halves[2];
+
+	for (size_t k = 0; k < ROW; k += 4) {
+		lane_masks all = {-1, -1, -1, -1};
+		lanes side;
+
+		for (int a = 0; a < 3; a++) {
+			memcpy(&side, row->min[a] + k, sizeof(side));
+			all &= side <= probe->most[a];
+			memcpy(&side, row->max[a] + k, sizeof(side));
+			all &= side >= probe->least[a + 1];
+		}
+		memcpy(hits + k, &all, sizeof(all));
+		memcpy(halves, &all, sizeof(halves));
+		some |= halves[0] | halves[1];
+	}
+	return some != 0;
+}
+
+/* The chain that begins here; the next instruction. */
+static size_t add_chain(struct scan *s, const struct prune_index *x)
+{
+	const struct chain *c = s->chain++;
+	const struct probe probe = s->probe;
+	const struct state began = s->wants;
+	uint32_t hits[ROW];
+
+	for (size_t k = 0; k < c->count; k += ROW) {
+		size_t at = c->first + k;
+		size_t n = c->count - k < ROW ? c->count - k : ROW;
+
+		if (!meet_row(x->rows + at / ROW, &probe, hits))
+			continue;
+		for (size_t j = 0; j < n; j++)
+			if (hits[j])
+				keep_chained(s, x->terms + at + j, &began);
+	}
+	s->wants = began;
+	if (c->wants.frame != INHERITED)
+		s->wants.frame = c->wants.frame;
+	if (c->wants.color != INHERITED)
+		s->wants.color = c->wants.color;
+	return c->end;
 }
 
 /* OP_ZERO in front of what is from place on. */
@@ -274,6 +379,8 @@ static void compose_zero(struct scan *s, size_t i, unsigned rule,
 	bool first = rule == RULE_SECOND ? b->alive : a->alive;
 
 	if (rule == RULE_EITHER) {
+		if (b->alive)
+			part_pair(s);
 		a->alive |= b->alive;
 		return;
 	}
@@ -332,9 +439,15 @@ void prune_operands(const struct prune_list *from, const struct tape_box *box,
 	s.has = s.wants = none;
 	s.end = s.jets;
 	s.warp = s.warps;
+	s.chain = from->index ? from->index->chains : NULL;
+	s.chains_end = s.chain + (s.chain ? from->index->chain_count : 0);
 	for (size_t i = 0; i < from->count;) {
-		size_t next = add_terms(&s, i);
+		size_t next;
 
+		if (s.chain < s.chains_end && i == s.chain->begin)
+			next = add_chain(&s, from->index);
+		else
+			next = add_terms(&s, i);
 		if (next == i)
 			step(&s, next++);
 		i = next;
@@ -391,4 +504,133 @@ void prune(const struct prune_list *from, const struct tape_box *box,
 {
 	prune_operands(from, box, out);
 	prune_orders(out, is_constant);
+}
+
+/* ---- an index ---- */
+
+/* Room for so many more terms, in whole rows. */
+static bool reserve_terms(struct prune_index *x, size_t more)
+{
+	size_t most = 2 * x->term_max;
+	struct term *terms;
+	struct row *rows;
+
+	if (x->term_count + more <= x->term_max)
+		return true;
+	if (most < x->term_count + more)
+		most = x->term_count + more;
+	most = (most + ROW - 1) / ROW * ROW;
+	terms = realloc(x->terms, most * sizeof(*terms));
+	if (!terms)
+		return false;
+	x->terms = terms;
+	rows = realloc(x->rows, most / ROW * sizeof(*rows));
+	if (!rows)
+		return false;
+	x->rows = rows;
+	x->term_max = most;
+	return true;
+}
+
+static void put_box(struct prune_index *x, size_t at,
+    const struct tape_box *b)
+{
+	struct row *row = x->rows + at / ROW;
+
+	for (int a = 0; a < 3; a++) {
+		row->min[a][at % ROW] = b->min[a];
+		row->max[a][at % ROW] = b->max[a];
+	}
+}
+
+static bool put_terms(struct prune_index *x, const struct prune_list *list,
+    const struct term *terms, size_t count)
+{
+	if (!reserve_terms(x, count + ROW))
+		return false;
+	for (size_t k = 0; k < count; k++) {
+		x->terms[x->term_count] = terms[k];
+		put_box(x, x->term_count++, list->boxes + terms[k].first);
+	}
+	return true;
+}
+
+/* A chain's end: one that is long enough is an entry, others are forgotten. */
+static bool put_chain(struct prune_index *x, const struct chain *c)
+{
+	size_t most = 2 * x->chain_max + 1;
+	struct chain *chains;
+
+	if (x->term_count - c->first < CHAIN_LEAST) {
+		x->term_count = c->first;
+		return true;
+	}
+	if (x->chain_count == x->chain_max) {
+		chains = realloc(x->chains, most * sizeof(*chains));
+		if (!chains)
+			return false;
+		x->chains = chains;
+		x->chain_max = most;
+	}
+	x->chains[x->chain_count] = *c;
+	x->chains[x->chain_count++].count = x->term_count - c->first;
+	for (; x->term_count % ROW; x->term_count++)
+		put_box(x, x->term_count, &nowhere);
+	return true;
+}
+
+/* The terms from *i on, as find_terms has them where all are alive; the next
+ * instruction. */
+static bool index_chain(struct prune_index *x, struct scan *s, size_t *i)
+{
+	struct chain c = {.begin = *i, .first = x->term_count};
+	struct term terms[TERMS + 1];
+	size_t count, next;
+
+	s->wants = (struct state){INHERITED, INHERITED};
+	for (;; c.end = *i = next) {
+		next = find_terms(s, *i, terms, &count);
+		if (!put_terms(x, s->from, terms, count))
+			return false;
+		if (next == *i)
+			break;
+	}
+	c.wants = s->wants;
+	return *i == c.begin || put_chain(x, &c);
+}
+
+enum err prune_index_create(const struct prune_list *list,
+    struct prune_index **out)
+{
+	static const struct tape_box everywhere = {
+		{-INFINITY, -INFINITY, -INFINITY},
+		{INFINITY, INFINITY, INFINITY}};
+	struct prune_index *x = calloc(1, sizeof(*x));
+	struct scan s = {.from = list, .probe = probe_of(&everywhere)};
+
+	if (!x)
+		return ERR_MEMORY;
+	for (size_t i = 0; i < list->count; i++)
+		if (!index_chain(x, &s, &i)) {
+			prune_index_free(x);
+			return ERR_MEMORY;
+		}
+	*out = x;
+	return ERR_OK;
+}
+
+void prune_index_free(struct prune_index *x)
+{
+	if (!x)
+		return;
+	free(x->chains);
+	free(x->terms);
+	free(x->rows);
+	free(x);
+}
+
+size_t prune_index_bytes(const struct prune_index *x)
+{
+	return sizeof(*x) + x->chain_max * sizeof(*x->chains) + x->term_max *
+	    (sizeof(*x->terms) + sizeof(*x->rows) / ROW);
 }

@@ -23,6 +23,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "core/err.h"
 #include "core/opcode.h"
 #include "core/tape.h"
 
@@ -34,7 +35,24 @@ struct prune_list {
 	struct insn *insns;
 	struct tape_box *boxes;
 	size_t count;
+	const struct prune_index *index; /* of these very instructions, or NULL */
 };
+
+struct prune_index;
+
+/*
+ * Makes pruning list faster, in time less than a tenth of what it otherwise
+ * takes where hardly anything is alive: boxes of what is summed or united in a
+ * row, as vectors read them. list must stay as it is; list->index is not set.
+ * *out is the caller's. ERR_MEMORY.
+ */
+enum err prune_index_create(const struct prune_list *list,
+    struct prune_index **out);
+
+/* Frees x; NULL does nothing. */
+void prune_index_free(struct prune_index *x);
+
+size_t prune_index_bytes(const struct prune_index *x);
 
 /* A pruned list is at most so much longer than what it was made of. */
 #define PRUNE_ROOM 1
@@ -45,8 +63,8 @@ struct prune_list {
  * (opening_is_constant), so that it asks nothing of its operands. from may be a
  * tape's own arrays or an earlier result for a box about this one. The
  * result always pushes one jet: of a dead tape a single OP_ZERO is left.
- * box is of points within POINT_REACH. Nothing can fail. Runs of points
- * (OP_POINT's index) are those of from: tape_mark_runs finds the result's.
+ * box is of points within POINT_REACH. Nothing can fail. OP_POINT's index stays
+ * as it is, 0 where OP_SUM is dropped: tape_count_runs counts the result's runs.
  */
 void prune(const struct prune_list *from, const struct tape_box *box,
     const bool *is_constant, struct prune_list *out);

@@ -785,12 +785,20 @@ enum err tape_compile(const struct tree *tree, size_t max_nodes,
 
 void tape_mark_runs(struct insn *insns, size_t count, const double *params)
 {
+	for (size_t i = 0; i < count; i++)
+		if (insns[i].op == OP_POINT)
+			insns[i].index =
+			    params[insns[i].param + POINT_EXPONENT] == 3.0;
+	tape_count_runs(insns, count);
+}
+
+void tape_count_runs(struct insn *insns, size_t count)
+{
 	for (size_t i = count; i-- > 0;) {
-		if (insns[i].op != OP_POINT)
+		if (insns[i].op != OP_POINT || insns[i].index == 0)
 			continue;
 		insns[i].index = 0;
-		if (i + 1 == count || insns[i + 1].op != OP_SUM ||
-		    params[insns[i].param + POINT_EXPONENT] != 3.0)
+		if (i + 1 == count || insns[i + 1].op != OP_SUM)
 			continue;
 		insns[i].index = 1;
 		if (i + 2 < count && insns[i + 2].op == OP_POINT)

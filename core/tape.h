@@ -72,11 +72,15 @@ enum err tape_compile(const struct tree *tree, size_t max_nodes,
 void tape_free(struct tape *t);
 
 /*
- * Sets the index of every OP_POINT of exponent 3 that OP_SUM follows: how many
- * such pairs there are in a row from it on, so that an interpreter may take them
- * in one loop; of other OP_POINT 0. params: of the tape that insns are of.
+ * Sets the index of every OP_POINT of a whole tape: of those of exponent 3 that
+ * OP_SUM follows, how many such pairs there are in a row from it on, so that an
+ * interpreter may take them in one loop; of others 0. params: of the tape.
  */
 void tape_mark_runs(struct insn *insns, size_t count, const double *params);
+
+/* Counts the pairs in a row anew in what pruning has left of a tape that was
+ * marked: no pair is one that was none in the tape. */
+void tape_count_runs(struct insn *insns, size_t count);
 
 /* The derivative order that instruction i delivers when the root is asked for
  * order root_order (0 value, 1 gradient, 2 Hessian). */

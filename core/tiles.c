@@ -1,6 +1,6 @@
 /*
- * A batch goes through four steps: boxes of its tiles as the points come; if
- * sorting would make them smaller, an order and new boxes; boxes of boxes; and
+ * A batch goes through four steps: a sample of it tells whether to sort; an
+ * order and boxes of its tiles, or these as the points come; boxes of boxes; and
  * pruning, from the coarsest boxes down to tiles. Each is cut into pieces that a
  * crew may take; working memory that a piece needs is one of as many hands' as
  * the crew has.
@@ -32,15 +32,31 @@
 #define HAND_LISTS 3
 
 /*
- * What a composition or a primitive costs a tile, in units of a point's with
- * its sum (0.4 ns a point), and what sorting and gathering cost: 20 ns a point.
+ * What things cost a point, in ns of a core's time (Xeon, AVX-512): primitives
+ * and compositions wherever they are, compositions with tables more where both
+ * operands are alive; sorting, and gathering what is sorted; pruning, for every
+ * primitive that is left; a tile; and, once for each of the coarsest boxes, every
+ * primitive of the tape.
  */
+#define COST_PAIR 0.4
+#define COST_POINT 0.7
+#define COST_PRIMITIVE 2.0
 #define COST_PLAIN 0.5
-#define COST_BLEND 8.0
-#define COST_SORT 40.0
+#define COST_BLEND 0.8
+#define COST_BLEND_ALIVE 8.0
+#define COST_SORT 35.0
+#define COST_PRUNE 0.2
+#define COST_TILE 3.0
+#define COST_SCAN 1.0
 
-/* Tapes shorter than this are not culled: some 16 primitives. */
-#define LEAST_INSNS 32
+/* What is left must cost less than this of the whole tape. */
+#define WORTH 0.85
+
+/* So many tiles, at most, tell what a batch's are like. */
+#define SAMPLE 256
+
+/* Tapes that cost less than this are not culled: some 16 points under a sum. */
+#define LEAST_COST 6.5
 
 /* A list of a hand's, or the whole tape, and where it went, if it did. */
 struct part {
@@ -49,34 +65,45 @@ struct part {
 	bool is_out;
 };
 
-/* Working memory of one piece of work at a time. */
-struct hand {
-	struct insn *insns;
-	struct tape_box *boxes;
-	size_t max, used;
-	atomic_flag is_taken;
-};
-
 struct tiles {
 	struct prune_list whole;
+	struct prune_index *index; /* of whole */
 	bool *is_constant;
-	double *params;
-	size_t operator_count, param_count;
+	size_t operator_count;
 	size_t bounded, primitives; /* those with a finite box; all of them */
 	struct tape_box about;      /* the bounded ones */
 	float span[3];              /* their mean extent */
-	double cost;                /* of a primitive with its composition */
+	double cost, alive_cost;    /* of a primitive with its composition; and
+	                             * what it costs more where it is alive */
+};
+
+/* Arrays that have room for lists. */
+struct room {
+	struct insn *insns;
+	struct tape_box *boxes;
+	size_t max;
+};
+
+/* Working memory of one piece of work at a time. */
+struct hand {
+	struct room room;
+	size_t used;
+	atomic_flag is_taken;
+};
+
+struct tiles_work {
 	struct hand **hands;
 	size_t hand_count;
 	struct tape_box *boxes;     /* of tiles, of FAN of these ... */
 	size_t box_max;
-	struct prune_list near;     /* room for what is left about a batch */
+	struct room near;           /* for what is left about a batch */
 	struct tiles_order order;
 };
 
 /* One batch. */
 struct build {
-	struct tiles *tiles;
+	const struct tiles *tiles;
+	struct tiles_work *work;
 	const float *points;
 	size_t count;
 	const struct tiles_crew *crew;
@@ -85,6 +112,8 @@ struct build {
 	size_t counts[LEVELS];
 	size_t top;       /* the level that is pruned from root */
 	struct part root; /* the whole tape, or what is left about the batch */
+	double mean;      /* primitives that tiles meet in the order given */
+	struct tape_box common; /* of points and primitives; may be empty */
 	_Atomic size_t used;
 };
 
@@ -112,17 +141,29 @@ static bool is_finite(const struct tape_box *b)
 
 /* ---- what is known of a tape ---- */
 
+/* A pair's is its point's and its sum's. */
+static double insn_cost(const struct insn *insn)
+{
+	if (insn->op >= OP_RICCI)
+		return COST_BLEND;
+	if (insn->op == OP_POINT && insn->index > 0)
+		return COST_PAIR - COST_PLAIN;
+	if (insn->op < OP_PRIMITIVES || insn->op >= OP_MAX)
+		return COST_PLAIN;
+	return insn->op == OP_POINT ? COST_POINT : COST_PRIMITIVE;
+}
+
 static void survey(struct tiles *t)
 {
-	double cost = 0.0;
+	double cost = 0.0, alive_cost = 0.0;
 
 	t->about = nowhere;
 	for (size_t i = 0; i < t->whole.count; i++) {
 		unsigned op = t->whole.insns[i].op;
 		const struct tape_box *b = t->whole.boxes + i;
 
-		if (op >= OP_PRIMITIVES)
-			cost += op >= OP_RICCI ? COST_BLEND : COST_PLAIN;
+		cost += insn_cost(t->whole.insns + i);
+		alive_cost += op >= OP_RICCI ? COST_BLEND_ALIVE : 0.0;
 		if (op < OP_PRIMITIVES || op >= OP_MAX)
 			continue;
 		t->primitives++;
@@ -136,6 +177,7 @@ static void survey(struct tiles *t)
 	for (int a = 0; a < 3 && t->bounded; a++)
 		t->span[a] /= (float)t->bounded;
 	t->cost = cost / (double)t->primitives;
+	t->alive_cost = alive_cost / (double)t->primitives;
 }
 
 /* A copy of count things of size bytes; NULL: no memory. */
@@ -148,40 +190,84 @@ static void *copy(const void *from, size_t count, size_t size)
 	return to;
 }
 
-static struct hand *hand_create(const struct tiles *t)
+/* Room for count instructions in all. */
+static enum err reserve_room(struct room *r, size_t count)
 {
-	struct hand *h = calloc(1, sizeof(*h));
+	struct insn *insns;
+	struct tape_box *boxes;
 
-	if (!h)
-		return NULL;
-	atomic_flag_clear(&h->is_taken);
-	h->max = HAND_LISTS * (t->whole.count + PRUNE_ROOM);
-	h->insns = malloc(h->max * sizeof(*h->insns));
-	h->boxes = malloc(h->max * sizeof(*h->boxes));
-	if (h->insns && h->boxes)
-		return h;
-	free(h->insns);
-	free(h->boxes);
-	free(h);
-	return NULL;
+	if (count <= r->max)
+		return ERR_OK;
+	insns = realloc(r->insns, count * sizeof(*insns));
+	if (insns)
+		r->insns = insns;
+	boxes = realloc(r->boxes, count * sizeof(*boxes));
+	if (boxes)
+		r->boxes = boxes;
+	if (!insns || !boxes)
+		return ERR_MEMORY;
+	r->max = count;
+	return ERR_OK;
 }
 
-static enum err reserve_hands(struct tiles *t, size_t count)
+static void free_room(struct room *r)
 {
-	struct hand **grown;
+	free(r->insns);
+	free(r->boxes);
+}
 
-	if (count <= t->hand_count)
-		return ERR_OK;
-	grown = realloc(t->hands, count * sizeof(*grown));
+static enum err add_hand(struct tiles_work *w)
+{
+	struct hand **grown = realloc(w->hands,
+	    (w->hand_count + 1) * sizeof(*grown));
+
 	if (!grown)
 		return ERR_MEMORY;
-	t->hands = grown;
-	for (; t->hand_count < count; t->hand_count++) {
-		t->hands[t->hand_count] = hand_create(t);
-		if (!t->hands[t->hand_count])
-			return ERR_MEMORY;
-	}
+	w->hands = grown;
+	grown[w->hand_count] = calloc(1, sizeof(**grown));
+	if (!grown[w->hand_count])
+		return ERR_MEMORY;
+	atomic_flag_clear(&grown[w->hand_count++]->is_taken);
 	return ERR_OK;
+}
+
+/* So many hands, and room, for t. */
+static enum err reserve_work(struct tiles_work *w, const struct tiles *t,
+    size_t count)
+{
+	size_t list = t->whole.count + PRUNE_ROOM;
+	enum err ret = reserve_room(&w->near, list);
+
+	while (ret == ERR_OK && w->hand_count < count)
+		ret = add_hand(w);
+	for (size_t i = 0; ret == ERR_OK && i < w->hand_count; i++)
+		ret = reserve_room(&w->hands[i]->room, HAND_LISTS * list);
+	return ret;
+}
+
+enum err tiles_work_create(struct tiles_work **out)
+{
+	struct tiles_work *w = calloc(1, sizeof(*w));
+
+	if (!w)
+		return ERR_MEMORY;
+	*out = w;
+	return ERR_OK;
+}
+
+void tiles_work_free(struct tiles_work *w)
+{
+	if (!w)
+		return;
+	for (size_t i = 0; i < w->hand_count; i++) {
+		free_room(&w->hands[i]->room);
+		free(w->hands[i]);
+	}
+	free(w->hands);
+	free(w->boxes);
+	free_room(&w->near);
+	tiles_order_fini(&w->order);
+	free(w);
 }
 
 enum err tiles_create(const struct tape *tape, struct tiles **out)
@@ -194,18 +280,14 @@ enum err tiles_create(const struct tape *tape, struct tiles **out)
 	t->whole.count = count;
 	t->whole.insns = copy(tape->insns, count, sizeof(*t->whole.insns));
 	t->whole.boxes = copy(tape->boxes, count, sizeof(*t->whole.boxes));
-	t->params = copy(tape->params, tape->param_count, sizeof(*t->params));
-	t->param_count = tape->param_count;
 	t->operator_count = tape->operator_count;
 	t->is_constant = calloc(tape->operator_count + 1, sizeof(bool));
-	t->near.insns = malloc((count + PRUNE_ROOM) * sizeof(struct insn));
-	t->near.boxes = malloc((count + PRUNE_ROOM) * sizeof(struct tape_box));
-	if (!t->whole.insns || !t->whole.boxes || !t->params ||
-	    !t->is_constant || !t->near.insns || !t->near.boxes ||
-	    reserve_hands(t, 1) != ERR_OK) {
+	if (!t->whole.insns || !t->whole.boxes || !t->is_constant ||
+	    prune_index_create(&t->whole, &t->index) != ERR_OK) {
 		tiles_free(t);
 		return ERR_MEMORY;
 	}
+	t->whole.index = t->index;
 	for (size_t i = 0; i < tape->operator_count; i++)
 		t->is_constant[i] =
 		    opening_is_constant(&tape->operators[i].opening);
@@ -218,39 +300,25 @@ void tiles_free(struct tiles *t)
 {
 	if (!t)
 		return;
-	for (size_t i = 0; i < t->hand_count; i++) {
-		free(t->hands[i]->insns);
-		free(t->hands[i]->boxes);
-		free(t->hands[i]);
-	}
-	free(t->hands);
-	tiles_order_fini(&t->order);
+	prune_index_free(t->index);
 	free(t->whole.insns);
 	free(t->whole.boxes);
-	free(t->near.insns);
-	free(t->near.boxes);
-	free(t->params);
 	free(t->is_constant);
-	free(t->boxes);
 	free(t);
 }
 
 size_t tiles_bytes(const struct tiles *t)
 {
 	const size_t each = sizeof(struct insn) + sizeof(struct tape_box);
-	size_t bytes = sizeof(*t) + 2 * each * t->whole.count +
-	    t->param_count * sizeof(double) + t->operator_count +
-	    t->box_max * sizeof(struct tape_box) + tiles_order_bytes(&t->order);
 
-	for (size_t i = 0; i < t->hand_count; i++)
-		bytes += each * t->hands[i]->max;
-	return bytes;
+	return sizeof(*t) + prune_index_bytes(t->index) +
+	    each * t->whole.count + t->operator_count;
 }
 
 bool tiles_pay(const struct tiles *t, size_t count)
 {
-	return count > 0 && t->whole.count >= LEAST_INSNS &&
-	    2 * t->bounded >= t->primitives;
+	return count > 0 && 2 * t->bounded >= t->primitives &&
+	    (t->cost + t->alive_cost) * (double)t->primitives >= LEAST_COST;
 }
 
 /* ---- pieces of work ---- */
@@ -267,12 +335,12 @@ static void run(const struct tiles_crew *crew,
 }
 
 /* One that is free: there are as many as pieces at once. */
-static struct hand *take_hand(struct tiles *t)
+static struct hand *take_hand(struct tiles_work *w)
 {
-	for (size_t i = 0;; i = i + 1 < t->hand_count ? i + 1 : 0)
-		if (!atomic_flag_test_and_set_explicit(&t->hands[i]->is_taken,
+	for (size_t i = 0;; i = i + 1 < w->hand_count ? i + 1 : 0)
+		if (!atomic_flag_test_and_set_explicit(&w->hands[i]->is_taken,
 		    memory_order_acquire))
-			return t->hands[i];
+			return w->hands[i];
 }
 
 static void give_hand(struct hand *h)
@@ -330,19 +398,24 @@ static void box_points(const float *points, size_t count,
 	}
 }
 
-/* Boxes of a piece's tiles, of points as they come. */
+/* Of tile i of the points as they come. */
+static void box_tile(const struct build *b, size_t i, struct tape_box *out)
+{
+	size_t n = b->count - TILE_POINTS * i;
+
+	box_points(b->points + 3 * TILE_POINTS * i,
+	    n < TILE_POINTS ? n : TILE_POINTS, out);
+}
+
+/* Boxes of a piece's tiles. */
 static void box_piece(void *ctx, size_t piece)
 {
 	struct build *b = ctx;
 	size_t end = (piece + 1) * PIECE_TILES;
 
 	end = end < b->counts[0] ? end : b->counts[0];
-	for (size_t i = piece * PIECE_TILES; i < end; i++) {
-		size_t n = b->count - TILE_POINTS * i;
-
-		box_points(b->points + 3 * TILE_POINTS * i,
-		    n < TILE_POINTS ? n : TILE_POINTS, b->levels[0] + i);
-	}
+	for (size_t i = piece * PIECE_TILES; i < end; i++)
+		box_tile(b, i, b->levels[0] + i);
 }
 
 static void box_tiles(struct build *b)
@@ -386,7 +459,7 @@ static void mark_far_tiles(const struct build *b)
 /* Levels of boxes, until there are few of the coarsest. */
 static enum err reserve_boxes(struct build *b)
 {
-	struct tiles *t = b->tiles;
+	struct tiles_work *w = b->work;
 	size_t total = 0, first = 0;
 
 	b->counts[0] = tiles_count(b->count);
@@ -396,16 +469,16 @@ static enum err reserve_boxes(struct build *b)
 			break;
 		b->counts[b->top + 1] = (b->counts[b->top] + FAN - 1) / FAN;
 	}
-	if (total > t->box_max) {
-		free(t->boxes);
-		t->box_max = 0;
-		t->boxes = malloc(total * sizeof(*t->boxes));
-		if (!t->boxes)
+	if (total > w->box_max) {
+		free(w->boxes);
+		w->box_max = 0;
+		w->boxes = malloc(total * sizeof(*w->boxes));
+		if (!w->boxes)
 			return ERR_MEMORY;
-		t->box_max = total;
+		w->box_max = total;
 	}
 	for (size_t k = 0; k <= b->top; k++) {
-		b->levels[k] = t->boxes + first;
+		b->levels[k] = w->boxes + first;
 		first += b->counts[k];
 	}
 	return ERR_OK;
@@ -444,31 +517,32 @@ static double meetings(const struct tiles *t, const float extent[static 3])
 }
 
 /* Of tiles as they are, on average; and the box that points and primitives
- * have in common: false if there is none. */
-static bool survey_tiles(const struct build *b, struct tape_box *common,
-    double *mean)
+ * have in common, if there is one. */
+static void survey_tiles(struct build *b)
 {
 	const struct tape_box *about = &b->tiles->about;
-	struct tape_box all = nowhere;
+	size_t tiles = tiles_count(b->count);
+	size_t n = tiles < 4 ? tiles : 4 + (tiles - 4) / 16;
+	struct tape_box all = nowhere, box;
 	double sum = 0.0;
 
-	for (size_t i = 0; i < b->counts[0]; i++) {
-		const struct tape_box *box = b->levels[0] + i;
+	n = n < SAMPLE ? n : SAMPLE;
+	for (size_t i = 0; i < n; i++) {
 		float extent[3];
 
-		tape_box_grow(&all, box);
+		box_tile(b, i * tiles / n, &box);
+		tape_box_grow(&all, &box);
 		for (int a = 0; a < 3; a++)
-			extent[a] = box->max[a] - box->min[a];
+			extent[a] = box.max[a] - box.min[a];
 		sum += meetings(b->tiles, extent);
 	}
-	*mean = sum / (double)b->counts[0];
+	b->mean = sum / (double)n;
 	for (int a = 0; a < 3; a++) {
-		common->min[a] = all.min[a] > about->min[a] ? all.min[a]
+		b->common.min[a] = all.min[a] > about->min[a] ? all.min[a]
 		    : about->min[a];
-		common->max[a] = all.max[a] < about->max[a] ? all.max[a]
+		b->common.max[a] = all.max[a] < about->max[a] ? all.max[a]
 		    : about->max[a];
 	}
-	return is_finite(common);
 }
 
 /* Of tiles of points spread evenly over within and sorted: they are made by
@@ -480,7 +554,7 @@ static double sorted_meetings(const struct build *b,
 
 	for (int a = 0; a < 3; a++)
 		extent[a] = 1.5f * (within->max[a] - within->min[a]);
-	for (size_t n = b->counts[0]; n > 1; n /= 2) {
+	for (size_t n = tiles_count(b->count); n > 1; n /= 2) {
 		int a = extent[0] >= extent[1] ? 0 : 1;
 
 		if (extent[2] > extent[a])
@@ -490,17 +564,59 @@ static double sorted_meetings(const struct build *b,
 	return meetings(b->tiles, extent);
 }
 
-/* The order, by which boxes are those of tiles. */
-static enum err sort(struct build *b)
-{
-	struct tape_box common;
-	double mean;
+/* What a batch may walk. */
+enum way {
+	WAY_WHOLE, /* the whole tape, in the order given */
+	WAY_GIVEN, /* what is left of it about tiles in that order */
+	WAY_SORTED,
+	WAYS
+};
 
-	if (survey_tiles(b, &common, &mean) &&
-	    (mean - sorted_meetings(b, &common)) * b->tiles->cost >= COST_SORT)
-		return tiles_order_sort(&b->tiles->order, b->points, b->count,
-		    &common, b->crew, b->out->order, b->levels[0]);
+/* What each way costs a point. In the order given, tiles meet mean primitives. */
+static void weigh(struct build *b, double costs[static WAYS])
+{
+	const struct tiles *t = b->tiles;
+	double all = (double)t->primitives, free = all - (double)t->bounded;
+	double each = t->cost + t->alive_cost + COST_PRUNE;
+	size_t tiles = tiles_count(b->count);
+	double once = COST_TILE + (double)(tiles < TOP ? tiles : TOP) * all *
+	    COST_SCAN / (double)b->count;
+
+	survey_tiles(b);
+	costs[WAY_WHOLE] = all * t->cost + (b->mean + free) * t->alive_cost;
+	costs[WAY_GIVEN] = once + (b->mean + free) * each;
+	costs[WAY_SORTED] = INFINITY;
+	if (is_finite(&b->common))
+		costs[WAY_SORTED] = COST_SORT + once + each *
+		    (sorted_meetings(b, &b->common) + free);
+}
+
+bool tiles_help(const struct tiles *t, const float *points, size_t count)
+{
+	struct build b = {.tiles = t, .points = points,
+	    .count = count};
+	double costs[WAYS];
+
+	if (!tiles_pay(t, count))
+		return false;
+	weigh(&b, costs);
+	return fmin(costs[WAY_GIVEN], costs[WAY_SORTED]) <
+	    WORTH * costs[WAY_WHOLE];
+}
+
+/* ---- the order ---- */
+
+/* Order and boxes of tiles. */
+static enum err arrange(struct build *b)
+{
+	double costs[WAYS];
+
+	weigh(b, costs);
+	if (costs[WAY_SORTED] < costs[WAY_GIVEN])
+		return tiles_order_sort(&b->work->order, b->points, b->count,
+		    &b->common, b->crew, b->out->order, b->levels[0]);
 	leave_order(b);
+	box_tiles(b);
 	return ERR_OK;
 }
 
@@ -535,7 +651,7 @@ static struct tile put(struct build *b, struct part *part)
 	if (!claim(b, list->count, &first))
 		return part->tile;
 	prune_orders(list, t->is_constant);
-	tape_mark_runs(list->insns, list->count, t->params);
+	tape_count_runs(list->insns, list->count);
 	memcpy(b->out->insns + first, list->insns,
 	    list->count * sizeof(*list->insns));
 	part->tile = (struct tile){(uint32_t)first, (uint32_t)list->count};
@@ -546,14 +662,15 @@ static struct tile put(struct build *b, struct part *part)
 static void descend(struct build *b, struct hand *h, size_t level, size_t i,
     struct part *from)
 {
-	struct part own = {.list = {h->insns + h->used, h->boxes + h->used, 0}};
+	struct part own = {.list = {.insns = h->room.insns + h->used,
+	    .boxes = h->room.boxes + h->used}};
 	size_t before = h->used, end = FAN * (i + 1);
 
 	if (level == 0 && is_everywhere(b->levels[0] + i)) {
 		b->out->tiles[i] = (struct tile){0, 0};
 		return;
 	}
-	if (h->used + from->list.count + PRUNE_ROOM <= h->max) {
+	if (h->used + from->list.count + PRUNE_ROOM <= h->room.max) {
 		prune_operands(&from->list, b->levels[level] + i, &own.list);
 		h->used += own.list.count;
 		if (own.list.count < from->list.count)
@@ -573,7 +690,7 @@ static void descend(struct build *b, struct hand *h, size_t level, size_t i,
 static void descend_top(void *ctx, size_t i)
 {
 	struct build *b = ctx;
-	struct hand *h = take_hand(b->tiles);
+	struct hand *h = take_hand(b->work);
 	struct part root = b->root;
 
 	h->used = 0;
@@ -588,7 +705,9 @@ static void descend_top(void *ctx, size_t i)
  */
 static void prune_root(struct build *b)
 {
-	struct tiles *t = b->tiles;
+	const struct tiles *t = b->tiles;
+	struct prune_list near = {.insns = b->work->near.insns,
+		.boxes = b->work->near.boxes};
 	struct tape_box all = nowhere;
 	float extent[3];
 
@@ -601,19 +720,20 @@ static void prune_root(struct build *b)
 	if (b->counts[b->top] < 2 || !is_finite(&all) ||
 	    meetings(t, extent) > NEAR_SHARE * (double)t->bounded)
 		return;
-	prune_operands(&t->whole, &all, &t->near);
-	if (t->near.count >= t->whole.count)
+	prune_operands(&t->whole, &all, &near);
+	if (near.count >= t->whole.count)
 		return;
-	b->root = (struct part){.list = t->near};
+	b->root = (struct part){.list = near};
 	put(b, &b->root);
 }
 
-enum err tiles_build(struct tiles *t, const float *points, size_t count,
-    bool is_culled, const struct tiles_crew *crew, struct tiles_out *out)
+enum err tiles_build(const struct tiles *t, struct tiles_work *work,
+    const float *points, size_t count, bool is_culled,
+    const struct tiles_crew *crew, struct tiles_out *out)
 {
-	struct build b = {.tiles = t, .points = points, .count = count,
-	    .crew = crew, .out = out};
-	enum err ret = reserve_hands(t, crew ? crew->hands : 1);
+	struct build b = {.tiles = t, .work = work, .points = points,
+	    .count = count, .crew = crew, .out = out};
+	enum err ret = reserve_work(work, t, crew ? crew->hands : 1);
 
 	if (ret == ERR_OK)
 		ret = reserve_boxes(&b);
@@ -627,8 +747,7 @@ enum err tiles_build(struct tiles *t, const float *points, size_t count,
 		memset(out->tiles, 0, b.counts[0] * sizeof(*out->tiles));
 		return ERR_OK;
 	}
-	box_tiles(&b);
-	ret = sort(&b);
+	ret = arrange(&b);
 	if (ret != ERR_OK)
 		return ret;
 	pad_order(&b);

@@ -16,6 +16,7 @@
 
 struct tape;
 struct tiles;
+struct tiles_work;
 
 /* Runs task(ctx, i) for each i < count, perhaps several at once, and returns
  * when all have ended. */
@@ -45,26 +46,38 @@ static inline size_t tiles_count(size_t points)
 
 /*
  * What tiles of tape need to know, a copy; the tape may be freed afterwards.
- * *out is the caller's. ERR_MEMORY. Not to be used by two threads at once.
+ * *out is the caller's; any number of threads may use it. ERR_MEMORY.
  */
 enum err tiles_create(const struct tape *tape, struct tiles **out);
 
 /* Frees t; NULL does nothing. */
 void tiles_free(struct tiles *t);
 
-/* Bytes of the copy and of working memory, about. */
+/* Bytes it takes, about. */
 size_t tiles_bytes(const struct tiles *t);
 
-/* Whether culling may pay for a batch of so many points: not for tapes of a few
- * instructions, nor where hardly a box is bounded. */
+/*
+ * Working memory of one tiles_build at a time, of whatever tapes; it grows to
+ * what the largest has needed: 24 bytes a point that is sorted, three lists of
+ * the tape's length a hand. ERR_MEMORY. Free: NULL does nothing.
+ */
+enum err tiles_work_create(struct tiles_work **out);
+void tiles_work_free(struct tiles_work *w);
+
+/* Whether culling may pay for a batch of so many points: not for tapes that
+ * cost little, nor where hardly a box is bounded. */
 bool tiles_pay(const struct tiles *t, size_t count);
+
+/* Whether it pays for these points: a sample of them tells. */
+bool tiles_help(const struct tiles *t, const float *points, size_t count);
 
 /*
  * Orders count (> 0) points (xyz, finite, world units) and cuts them into
  * tiles. With is_culled false: order as given, every tile the whole tape.
  * crew NULL: one after the other. ERR_MEMORY.
  */
-enum err tiles_build(struct tiles *t, const float *points, size_t count,
-    bool is_culled, const struct tiles_crew *crew, struct tiles_out *out);
+enum err tiles_build(const struct tiles *t, struct tiles_work *work,
+    const float *points, size_t count, bool is_culled,
+    const struct tiles_crew *crew, struct tiles_out *out);
 
 #endif

@@ -14,8 +14,20 @@
 #define XXH_INLINE_ALL /* no library to link */
 #include <xxhash.h>
 
+/*
+ * Names: KIND-HASH.blobcache, and part-KIND-HASH-XXXXXX.blobcache.part for one
+ * that is being written, mkostemps' six characters in it. The folder may hold
+ * other people's files too: no other name is ours.
+ */
 #define SUFFIX ".blobcache"
-#define PART_SUFFIX ".part"
+#define PART_PREFIX "part-"
+#define PART_RANDOM "XXXXXX"
+#define PART_SUFFIX SUFFIX ".part"
+
+static const char *const kinds[] = {"table", "figures", "kernels", "note"};
+
+/* Digits of a key's hash in a name: 128 bits. */
+#define HASH_DIGITS 32
 
 /* Longest text within a key. */
 #define TEXT_MAX 512
@@ -66,15 +78,31 @@ void cache_key_add_hash(struct cache_key *key, const void *bytes, size_t size)
 	cache_key_add(key, &hash.high64, sizeof hash.high64);
 }
 
+/* FOLDER/BEFORE KIND-HASH AFTER. False: too long. */
+static bool print_path(const char *folder, const char *before,
+    const char *kind, const struct cache_key *key, const char *after,
+    char path[static PATH_MAX])
+{
+	XXH128_hash_t hash = XXH3_128bits(key->bytes, key->size);
+	int length = snprintf(path, PATH_MAX, "%s/%s%s-%016llx%016llx%s",
+	    folder, before, kind, (unsigned long long)hash.high64,
+	    (unsigned long long)hash.low64, after);
+
+	return length > 0 && length < PATH_MAX;
+}
+
 bool cache_file_path(const char *folder, const char *kind,
     const struct cache_key *key, char path[static PATH_MAX])
 {
-	XXH128_hash_t hash = XXH3_128bits(key->bytes, key->size);
-	int length = snprintf(path, PATH_MAX, "%s/%s-%016llx%016llx%s", folder,
-	    kind, (unsigned long long)hash.high64,
-	    (unsigned long long)hash.low64, SUFFIX);
+	return print_path(folder, "", kind, key, SUFFIX, path);
+}
 
-	return length > 0 && length < PATH_MAX;
+/* ... and the template of a part's. */
+static bool print_part_path(const char *folder, const char *kind,
+    const struct cache_key *key, char path[static PATH_MAX])
+{
+	return print_path(folder, PART_PREFIX, kind, key,
+	    "-" PART_RANDOM PART_SUFFIX, path);
 }
 
 /* ---- headers ---- */
@@ -200,6 +228,23 @@ void cache_file_close(struct cache_file *file)
 	close(file->fd);
 }
 
+double cache_file_age(const char *folder, const char *kind,
+    const struct cache_key *key)
+{
+	struct cache_file file;
+	struct timespec now;
+	struct stat info;
+	double age = -1.0;
+
+	if (cache_file_open(folder, kind, key, &file) != ERR_OK)
+		return -1.0;
+	clock_gettime(CLOCK_REALTIME, &now);
+	if (fstat(file.fd, &info) == 0)
+		age = difftime(now.tv_sec, info.st_mtim.tv_sec);
+	close(file.fd);
+	return age < 0.0 ? -1.0 : age;
+}
+
 void cache_file_touch(const char *folder, const char *kind,
     const struct cache_key *key)
 {
@@ -250,8 +295,8 @@ enum err cache_file_write(const char *folder, const char *kind,
 	char path[PATH_MAX], part[PATH_MAX];
 	int fd, saved;
 
-	if (!cache_file_path(folder, kind, key, path) || snprintf(part,
-	    sizeof part, "%s/XXXXXX" PART_SUFFIX, folder) >= PATH_MAX) {
+	if (!cache_file_path(folder, kind, key, path) ||
+	    !print_part_path(folder, kind, key, part)) {
 		errno = ENAMETOOLONG;
 		return ERR_IO;
 	}
@@ -276,11 +321,60 @@ struct found {
 	size_t size;
 };
 
-static bool has_suffix(const char *name, const char *suffix)
-{
-	size_t n = strlen(name), m = strlen(suffix);
+enum name {
+	NAME_FOREIGN,
+	NAME_FILE,
+	NAME_PART
+};
 
-	return n > m && strcmp(name + n - m, suffix) == 0;
+/* Moves *at past text, if it begins so. */
+static bool skip(const char **at, const char *text)
+{
+	size_t length = strlen(text);
+
+	if (strncmp(*at, text, length) != 0)
+		return false;
+	*at += length;
+	return true;
+}
+
+/* ... past a kind and a hyphen. */
+static bool skip_kind(const char **at)
+{
+	for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
+		const char *after = *at;
+
+		if (skip(&after, kinds[i]) && skip(&after, "-")) {
+			*at = after;
+			return true;
+		}
+	}
+	return false;
+}
+
+/* ... past exactly count characters of a set. */
+static bool skip_some(const char **at, const char *set, size_t count)
+{
+	if (strspn(*at, set) != count)
+		return false;
+	*at += count;
+	return true;
+}
+
+static enum name classify(const char *name)
+{
+	static const char hex[] = "0123456789abcdef";
+	static const char random[] = "0123456789abcdefghijklmnopqrstuvwxyz"
+	    "ABCDEFGHIJKLMNOPQRSTUVWXYZ";
+	bool is_part = skip(&name, PART_PREFIX);
+
+	if (!skip_kind(&name) || !skip_some(&name, hex, HASH_DIGITS))
+		return NAME_FOREIGN;
+	if (!is_part)
+		return strcmp(name, SUFFIX) == 0 ? NAME_FILE : NAME_FOREIGN;
+	return skip(&name, "-") &&
+	    skip_some(&name, random, strlen(PART_RANDOM)) &&
+	    strcmp(name, PART_SUFFIX) == 0 ? NAME_PART : NAME_FOREIGN;
 }
 
 static int compare_used(const void *a, const void *b)
@@ -298,14 +392,15 @@ static int compare_used(const void *a, const void *b)
 static bool note(int folder, const char *name, struct found **list,
     size_t *count)
 {
+	enum name what = classify(name);
 	struct found *longer;
 	struct stat info;
 
-	if ((!has_suffix(name, SUFFIX) && !has_suffix(name, PART_SUFFIX)) ||
+	if (what == NAME_FOREIGN ||
 	    fstatat(folder, name, &info, AT_SYMLINK_NOFOLLOW) != 0 ||
-	    !S_ISREG(info.st_mode))
+	    !S_ISREG(info.st_mode) || info.st_uid != geteuid())
 		return true;
-	if (has_suffix(name, PART_SUFFIX)) {
+	if (what == NAME_PART) {
 		if (time(NULL) - info.st_mtime > PART_AGE)
 			unlinkat(folder, name, 0);
 		return true;
@@ -361,13 +456,14 @@ static bool make_folders(char *path)
 
 enum err cache_prepare(const char *folder)
 {
-	char path[PATH_MAX];
+	char path[CACHE_FOLDER_MAX];
 	struct stat info;
 
-	if (snprintf(path, sizeof path, "%s", folder) >= PATH_MAX) {
+	if (strlen(folder) >= CACHE_FOLDER_MAX) {
 		errno = ENAMETOOLONG;
 		return ERR_IO;
 	}
+	snprintf(path, sizeof path, "%s", folder);
 	/* One that is there need not lie where folders can be made. */
 	if (stat(folder, &info) != 0 &&
 	    (!make_folders(path) || stat(folder, &info) != 0))

@@ -2,8 +2,9 @@
  * Files of a cache folder: what was costly to make, kept from one start to the
  * next. A file holds its key, which is everything that can change its content,
  * and a checksum (XXH3, 128 bits) over all of it. The name is made of the kind
- * and the key's hash. A checksum tells damage, not malice: a file counts only
- * if it is the user's own and others may not write it.
+ * ("table", "figures", "kernels", "note") and the key's hash; a folder may hold
+ * other files, which stay as they are. A checksum tells damage, not malice: a
+ * file counts only if it is the user's own and others may not write it.
  *
  * A file is written beside its place and renamed, so that readers and several
  * writers see whole files; it is not flushed to the disk, since one that a
@@ -21,6 +22,9 @@
 
 /* Raised whenever what is written here changes. */
 #define CACHE_FILE_VERSION 1
+
+/* Room for a folder's name, of everybody who keeps one. */
+#define CACHE_FOLDER_MAX 1024
 
 /* The most bytes of a key. */
 #define CACHE_KEY_MAX 4096
@@ -66,6 +70,11 @@ void cache_file_close(struct cache_file *file);
 enum err cache_file_write(const char *folder, const char *kind,
     const struct cache_key *key, const void *content, size_t size);
 
+/* Whole seconds since the file was written, or marked as used. -1: there is
+ * none that cache_file_open takes, or it is of a time to come. */
+double cache_file_age(const char *folder, const char *kind,
+    const struct cache_key *key);
+
 /* Marks the file as used just now, if it is there. */
 void cache_file_touch(const char *folder, const char *kind,
     const struct cache_key *key);
@@ -76,15 +85,15 @@ bool cache_file_path(const char *folder, const char *kind,
 
 /*
  * Removes the files used longest ago until those left take most bytes or less,
- * and what writers that were killed have left. Touches nothing whose name is
- * not a cache file's.
+ * and what writers that were killed have left an hour ago or earlier. Touches
+ * plain files of the user's own with a cache file's whole name, and no others.
  */
 void cache_trim(const char *folder, size_t most);
 
 /*
  * Makes folder, and those above it, if they are missing, for the user alone.
  * ERR_IO, with errno; ERR_INVALID: it is not the user's own, or others may
- * write it.
+ * write it (that they may read it, as with mode 0755, is no harm).
  */
 enum err cache_prepare(const char *folder);
 

@@ -15,6 +15,16 @@ static inline void compose_pick(struct jetr *a, const struct jetr *b, mask m,
 		a->hessian = sym3r_select(b->hessian, a->hessian, m);
 }
 
+static inline void compose_copy(struct jetr *a, const struct jetr *b,
+    int order)
+{
+	a->value = b->value;
+	if (order >= 1)
+		a->gradient = b->gradient;
+	if (order >= 2)
+		a->hessian = b->hessian;
+}
+
 static inline void compose_max(struct jetr *a, const struct jetr *b, int order)
 {
 	compose_pick(a, b, a->value >= b->value, order);
@@ -187,6 +197,7 @@ struct meeting {
 	struct heading u, v;
 	real c, share, theta;   /* theta: with its share of null gradients */
 	real rise;              /* over the least */
+	struct opening_cell cell;
 };
 
 /* theta goes to its least as either gradient falls under null_gradient. */
@@ -198,7 +209,8 @@ static inline void compose_meet(__global const float *openings,
 	m->v = heading(second, 1.0f / null_gradient);
 	m->share = m->u.share * m->v.share;
 	m->c = real_clamp(vec3r_dot(m->u.n, m->v.n), REAL(-1.0f), REAL(1.0f));
-	m->rise = opening_theta(openings, desc, m->c) - desc->theta_least;
+	m->rise = opening_theta(openings, desc, m->c, &m->cell) -
+	    desc->theta_least;
 	m->theta = desc->theta_least + m->rise * m->share;
 }
 
@@ -216,17 +228,23 @@ static void compose_angle(__global const float *openings,
 	struct vec3r cosine = vec3r_limit(vec3r_axpy(u->inverse, p,
 	    vec3r_scale(v->inverse, q)), LIMIT_COSINE);
 
-	opening_slope(openings, desc, c, &slope, &bend);
+	opening_slope(openings, desc, &m->cell, &slope, &bend);
 	if (order >= 2)
 		out->hessian = sym3r_axpy(share * bend,
 		    sym3r_square(cosine), sym3r_scale(share * slope,
 		    compose_bend(a, b, u, v, c, cosine)));
 
-	/* grad |grad f| = H n */
-	p = vec3r_scale(u->slope * v->share, sym3r_apply(a->hessian, u->n));
-	q = vec3r_scale(v->slope * u->share, sym3r_apply(b->hessian, v->n));
-	out->gradient = vec3r_limit(vec3r_axpy(share * slope, cosine,
-	    vec3r_scale(m->rise, vec3r_add(p, q))), LIMIT_COSINE);
+	out->gradient = vec3r_scale(share * slope, cosine);
+	/* grad |grad f| = H n, times 0 where neither gradient is nearly null */
+	if (ANY(share < REAL(1.0f))) {
+		p = vec3r_scale(u->slope * v->share,
+		    sym3r_apply(a->hessian, u->n));
+		q = vec3r_scale(v->slope * u->share,
+		    sym3r_apply(b->hessian, v->n));
+		out->gradient = vec3r_axpy(m->rise, vec3r_add(p, q),
+		    out->gradient);
+	}
+	out->gradient = vec3r_limit(out->gradient, LIMIT_COSINE);
 }
 
 /* Adds what theta brings to the result's derivatives. */
@@ -285,29 +303,70 @@ static inline void compose_apart(__global const struct operator_desc *desc,
 		    sym3r_identity(REAL(0.0f)), none);
 }
 
+/* Two operands that may blend, within the limits of jets, and what is found out
+ * of them. */
+struct blend {
+	struct jetr a, b;
+	struct meeting meeting;
+	struct region region;
+};
+
+/* The order that a composition needs of its operands. */
+static inline int compose_order(__global const struct operator_desc *desc,
+    int order)
+{
+	return desc->is_constant ? order : min(order + 1, 2);
+}
+
+/* The part of it that tells whether they blend. */
+static inline int compose_first_order(
+    __global const struct operator_desc *desc, int order)
+{
+	return min(compose_order(desc, order), 1);
+}
+
+/* Whether any lane wanted blends; the operands' Hessians are not read. */
+static inline int compose_meets(__global const float *curves,
+    __global const float *openings,
+    __global const struct operator_desc *desc, float null_gradient,
+    mask wanted, int order, struct blend *x)
+{
+	int first = compose_first_order(desc, order);
+
+	jetr_limit(&x->a, first);
+	jetr_limit(&x->b, first);
+	x->meeting.theta = REAL(desc->theta);
+	if (!desc->is_constant)
+		compose_meet(openings, desc, null_gradient, x->a.gradient,
+		    x->b.gradient, &x->meeting);
+	operator_region(curves, desc, wanted, x->a.value, x->b.value,
+	    x->meeting.theta, &x->region);
+	return ANY(x->region.blend);
+}
+
 /*
  * What lanes that blend become, in the first operand's place; the others' are
- * not to be read. Both are within the limits of jets up to gradients.
+ * not to be read.
  */
 static inline void compose_blended(TABLE_ARGS, __global const float *openings,
-    __global const struct operator_desc *desc, const struct meeting *meeting,
-    const struct region *region, int order, struct jetr *a, struct jetr *b)
+    __global const struct operator_desc *desc, int order, struct blend *x)
 {
 	int turns = !desc->is_constant && order >= 1;
-	struct vec3r first = a->gradient;
+	struct vec3r first = x->a.gradient;
 	struct angle angle;
 	struct opjet o;
 
 	if (turns || order >= 2) {
-		a->hessian = sym3r_limit(a->hessian, LIMIT_HESSIAN);
-		b->hessian = sym3r_limit(b->hessian, LIMIT_HESSIAN);
+		x->a.hessian = sym3r_limit(x->a.hessian, LIMIT_HESSIAN);
+		x->b.hessian = sym3r_limit(x->b.hessian, LIMIT_HESSIAN);
 	}
 	if (turns)
-		compose_angle(openings, desc, a, b, meeting, order, &angle);
-	operator_lookup(TABLE_PASS, desc, region, order, &o);
-	compose_chain(a, b, &o, order);
+		compose_angle(openings, desc, &x->a, &x->b, &x->meeting,
+		    order, &angle);
+	operator_lookup(TABLE_PASS, desc, &x->region, order, &o);
+	compose_chain(&x->a, &x->b, &o, order);
 	if (turns)
-		compose_turn(a, first, b->gradient, &o, &angle, order);
+		compose_turn(&x->a, first, x->b.gradient, &o, &angle, order);
 }
 
 /*
@@ -317,16 +376,15 @@ static inline void compose_blended(TABLE_ARGS, __global const float *openings,
  *
  * What a lane needs is found out in steps, each for all lanes if one needs it:
  * two fields over 0, the opening, whether they blend, all the rest. A lane's
- * result is that of its own last step, whatever the others need.
+ * result is that of its own last step, whatever the others need. 0: the result
+ * is 0 in all lanes.
  */
-static void compose_blend(TABLE_ARGS, __global const float *openings,
+static int compose_blend(TABLE_ARGS, __global const float *openings,
     __global const struct operator_desc *desc, uint op, float null_gradient,
     struct jetr *a, struct jetr *b, int order)
 {
-	int deep = desc->is_constant ? order : min(order + 1, 2);
-	struct meeting meeting;
-	struct region region;
-	struct jetr u, v;
+	int deep = compose_order(desc, order);
+	struct blend x;
 	mask both;
 
 	/* Operators are symmetric, so the intersection's order is of no
@@ -340,24 +398,19 @@ static void compose_blend(TABLE_ARGS, __global const float *openings,
 	both = (a->value > REAL(0.0f)) & (b->value > REAL(0.0f));
 	if (!ANY(both)) {
 		compose_apart(desc, both, a, b, order);
-		return;
+		return desc->family == DESCRIPTOR_UNION;
 	}
-	u = *a;
-	v = *b;
-	jetr_limit(&u, min(deep, 1));
-	jetr_limit(&v, min(deep, 1));
-	meeting.theta = REAL(desc->theta);
-	if (!desc->is_constant)
-		compose_meet(openings, desc, null_gradient, u.gradient,
-		    v.gradient, &meeting);
-	operator_region(curves, desc, both, u.value, v.value, meeting.theta,
-	    &region);
+	x.a = *a;
+	x.b = *b;
+	if (!compose_meets(curves, openings, desc, null_gradient, both, order,
+	    &x)) {
+		compose_apart(desc, both, a, b, order);
+		return 1;
+	}
 	compose_apart(desc, both, a, b, order);
-	if (!ANY(region.blend))
-		return;
-	compose_blended(TABLE_PASS, openings, desc, &meeting, &region, order,
-	    &u, &v);
-	compose_pick(a, &u, !region.blend, order);
+	compose_blended(TABLE_PASS, openings, desc, order, &x);
+	compose_pick(a, &x.a, !x.region.blend, order);
+	return 1;
 }
 
 /* An operator without angles (core/classic.h), by the chain rule. */
@@ -439,16 +492,13 @@ static int color_family(uint op, __global const float *p)
  * one's place.
  */
 static void compose_colors(uint op, __global const float *p,
-    const struct jetr *first, const struct jetr *second, struct vec3r *color,
-    const struct vec3r *other)
+    real first, real second, struct vec3r *color, const struct vec3r *other)
 {
 	int swapped = op == OP_MINUS_SWAPPED || op == OP_CLASSIC_SWAPPED ||
 	    op == OP_DIFFERENCE_SWAPPED;
 	real most = REAL(LIMIT_VALUE), least = REAL(0.0f), w;
-	real a = real_clamp(swapped ? second->value : first->value, least,
-	    most);
-	real b = real_clamp(swapped ? first->value : second->value, least,
-	    most);
+	real a = real_clamp(swapped ? second : first, least, most);
+	real b = real_clamp(swapped ? first : second, least, most);
 
 	if (op == OP_SUM)
 		w = color_share(a, b, REAL(COLOR_LEAST));

@@ -41,6 +41,30 @@ static inline void curve_cell(__global const float *samples, mask i,
 #endif
 }
 
+/* The third floats of these nodes. */
+static inline void curve_bends(__global const float *samples, mask i, real *a,
+    real *b)
+{
+#if WIDTH == 1
+	*a = samples[i * CURVE_NODE + 2];
+	*b = samples[(i + 1) * CURVE_NODE + 2];
+#elif defined(HAS_AVX512)
+	*a = lanes_gather(samples + 2, i * CURVE_NODE);
+	*b = lanes_gather(samples + CURVE_NODE + 2, i * CURVE_NODE);
+#else
+	int cell[WIDTH];
+	float left[WIDTH], right[WIDTH];
+
+	STORE(i, 0, cell);
+	for (int l = 0; l < WIDTH; l++) {
+		left[l] = samples[cell[l] * CURVE_NODE + 2];
+		right[l] = samples[(cell[l] + 1) * CURVE_NODE + 2];
+	}
+	*a = LOAD(0, left);
+	*b = LOAD(0, right);
+#endif
+}
+
 /* The cubic on [0, 1] with values a, b and slopes a1, b1 at its ends. */
 static inline real curve_hermite(real a, real b, real a1, real b1, real x)
 {
@@ -89,25 +113,40 @@ static inline real curve_value(__global const float *samples, uint count,
 	return curve_hermite(a[0], b[0], step * a[1], step * b[1], t);
 }
 
+/* A cell of an opening, as far as theta needs it. */
+struct opening_cell {
+	mask i;
+	real t, a1, b1;
+};
+
 /* Of an opening: theta at the cosine c of alpha, in [-1, 1]. */
 static inline real opening_theta(__global const float *openings,
-    __global const struct operator_desc *desc, real c)
+    __global const struct operator_desc *desc, real c,
+    struct opening_cell *cell)
 {
+	float step = 2.0f / (float)(desc->opening_count - 1u);
+	real a[4], b[4];
+
+	cell->i = curve_place(desc->opening_count, 0.5f * (c + 1.0f),
+	    &cell->t);
+	curve_cell(openings + desc->opening, cell->i, 2, a, b);
+	cell->a1 = a[1];
+	cell->b1 = b[1];
 	/* Between nodes on either side of a steep rise the cubic overshoots. */
-	return real_clamp(curve_value(openings + desc->opening,
-	    desc->opening_count, 2.0f, 0.5f * (c + 1.0f)), REAL(0.0f),
-	    REAL(0.785398163f));
+	return real_clamp(curve_hermite(a[0], b[0], step * a[1], step * b[1],
+	    cell->t), REAL(0.0f), REAL(0.785398163f));
 }
 
-/* slope = d theta / d c and bend = d2 theta / d c2. */
+/* There, slope = d theta / d c and bend = d2 theta / d c2. */
 static inline void opening_slope(__global const float *openings,
-    __global const struct operator_desc *desc, real c, real *slope,
-    real *bend)
+    __global const struct operator_desc *desc,
+    const struct opening_cell *cell, real *slope, real *bend)
 {
-	real at[3];
+	float step = 2.0f / (float)(desc->opening_count - 1u);
+	real a2, b2;
 
-	curve_lookup(openings + desc->opening, desc->opening_count, 2.0f,
-	    0.5f * (c + 1.0f), at);
-	*slope = at[1];
-	*bend = at[2];
+	curve_bends(openings + desc->opening, cell->i, &a2, &b2);
+	*slope = curve_hermite(cell->a1, cell->b1, step * a2, step * b2,
+	    cell->t);
+	*bend = a2 + cell->t * (b2 - a2);
 }

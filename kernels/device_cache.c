@@ -1,14 +1,19 @@
 #include "kernels/device_cache.h"
 
+#include <assert.h>
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "kernels/cache_file.h"
 #include "kernels/source.h"
 
 #define KIND "kernels"
+
+static_assert(sizeof ((struct device *)0)->cache == CACHE_FOLDER_MAX,
+    "one size for the cache's name");
 
 /* Ours take 0.5 to 0.8 MB each. */
 #define BINARY_MAX ((size_t)64 << 20)
@@ -165,7 +170,7 @@ bool device_cache_forget(struct device *d)
 		any = true;
 		make_key(&key, d->id, kernels_source, d->build_options[i]);
 		if (cache_file_path(d->cache, KIND, &key, path))
-			remove(path);
+			unlink(path);
 	}
 	return any;
 }

@@ -8,28 +8,20 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "core/opcode.h"
 #include "core/output.h"
 #include "core/tiles.h"
 
-/* The most points of a piece whose tiles walk the whole tape, and of one that
- * is culled: the more points, the smaller the tiles and the fewer the fields in
- * them. */
-#define PIECE_POINTS ((size_t)65536)
-#define CULLED_POINTS ((size_t)1 << 20)
+/* The most points of a piece: the more points, the smaller the tiles and the
+ * fewer the fields in them, and the less often cores wait for the last one. */
+#define PIECE_POINTS ((size_t)1 << 20)
 
-/* What is assumed of a tape before its pace is known: about the most
- * instructions times points, and the points of a culled piece. */
+/* And of one that may be given up and is not culled. */
+#define PLAIN_POINTS ((size_t)65536)
+
+/* ... and about the most instructions times points of such a one. */
 #define PIECE_WORK 16777216u
-#define CULLED_FIRST ((size_t)1 << 18)
-
-/* Seconds that a piece should take, so that batches can be given up, and the
- * pieces that tell how long points take. */
-#define PIECE_SECONDS 0.03
-#define TELLING_POINTS 4096
-#define TELLING_SECONDS 0.01
 
 /* Points and rows of a piece that are copied into the workspace though the
  * kernel could read and write the caller's. */
@@ -38,9 +30,11 @@
 /* The most bytes of points and rows that are copied to a device at once. */
 #define COPIED_BYTES ((size_t)32 << 20)
 
-/* The most instructions of the tiles' own: 32 MiB, and of one on average. */
+/* The most instructions of the tiles' own: 32 MiB, and of one on average where
+ * there are more than 4 MiB. */
 #define TILE_INSNS ((size_t)1 << 21)
-#define TILE_INSNS_MEAN 1024u
+#define TILE_INSNS_MEAN ((size_t)1024)
+#define TILE_INSNS_FREE ((size_t)1 << 18)
 
 /* From so many points on, threads help to prepare the tiles. */
 #define CREW_POINTS 16384
@@ -68,14 +62,6 @@ struct ground {
 static size_t min_size(size_t a, size_t b)
 {
 	return a < b ? a : b;
-}
-
-static double now(void)
-{
-	struct timespec t;
-
-	clock_gettime(CLOCK_MONOTONIC, &t);
-	return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
 /* --- arguments -------------------------------------------------------------- */
@@ -206,8 +192,11 @@ static enum err prepare_plain(struct device *d, size_t count)
 	    i < tiles * TILE_POINTS; i++)
 		order[i] = (uint32_t)min_size(i, count - 1);
 	memset(w->tiles.at, 0, tiles * sizeof(struct tile));
-	w->plain_points = whole;
-	return send_tiles(d, tiles, 0);
+	w->plain_points = 0;
+	err = send_tiles(d, tiles, 0);
+	if (!err)
+		w->plain_points = whole;
+	return err;
 }
 
 /* The threads that help with count points, or NULL. */
@@ -219,26 +208,38 @@ static const struct tiles_crew *crew(struct device *d, size_t count)
 	return device_crew_get(d->crew);
 }
 
+/* Instructions that so many tiles may have of their own. */
+static size_t tile_insns(const struct device_tape *t, size_t tiles)
+{
+	size_t most = tiles * TILE_INSNS_MEAN;
+
+	most = most > TILE_INSNS_FREE ? most : TILE_INSNS_FREE;
+	return min_size(min_size(most, TILE_INSNS),
+	    tiles * ((size_t)t->insn_count + 1));
+}
+
 static enum err prepare_culled(struct device *d, struct device_tape *t,
     const float *points, size_t count)
 {
-	size_t tiles = tiles_count(count), room = min_size(TILE_INSNS,
-	    tiles * min_size(TILE_INSNS_MEAN, t->insn_count + 1));
+	size_t tiles = tiles_count(count), room = tile_insns(t, tiles);
 	struct device_workspace *w = &d->work;
 	enum err err = reserve(d, tiles, room);
 	struct tiles_out out;
 
 	if (err)
 		return err;
+	if (!w->tiling && tiles_work_create(&w->tiling))
+		return device_out_of_memory(&d->failure);
 	out = (struct tiles_out){.order = w->order.at, .tiles = w->tiles.at,
 		.insns = w->insns.at, .insns_max = room};
 	w->plain_points = 0;
-	if (tiles_build(t->tiles, points, count, true, crew(d, count), &out))
+	if (tiles_build(t->tiles, w->tiling, points, count, true,
+	    crew(d, count), &out))
 		return device_out_of_memory(&d->failure);
 	return send_tiles(d, tiles, out.insn_count);
 }
 
-/* Whether a batch of count points is culled. Colours are not: of an operand that
+/* Whether a batch of count points may be culled. Not for colours: of what
  * is 0 they take a little too. */
 static bool is_culled(const struct device *d, const struct device_tape *t,
     unsigned outputs, size_t count)
@@ -254,8 +255,11 @@ static bool is_culled(const struct device *d, const struct device_tape *t,
 static enum err prepare(struct device *d, struct device_tape *t,
     const struct piece *piece, const float *points)
 {
-	return is_culled(d, t, piece->outputs, piece->count) ?
-	    prepare_culled(d, t, points, piece->count) :
+	bool culled = is_culled(d, t, piece->outputs, piece->count) &&
+	    (d->culling == DEVICE_CULLING_ALWAYS ||
+	    tiles_help(t->tiles, points, piece->count));
+
+	return culled ? prepare_culled(d, t, points, piece->count) :
 	    prepare_plain(d, piece->count);
 }
 
@@ -405,33 +409,33 @@ static enum err run_staged(struct device *d, struct device_tape *t,
 static enum err run(struct device *d, struct device_tape *t,
     const struct launch *l, const struct piece *piece)
 {
-	double begin = now(), took;
-	enum err err = d->reads_host && piece->part_count == 1 &&
-	    piece->count > STAGED_POINTS ? run_in_place(d, t, l, piece) :
-	    run_staged(d, t, l, piece);
+	if (d->reads_host && piece->part_count == 1 &&
+	    piece->count > STAGED_POINTS)
+		return run_in_place(d, t, l, piece);
+	return run_staged(d, t, l, piece);
+}
 
-	took = now() - begin;
-	if (!err && (piece->count >= TELLING_POINTS || took > TELLING_SECONDS))
-		t->pace = took / (double)piece->count;
-	return err;
+/* The most points of a piece that is to end in time: who asks for that and knows
+ * how fast a culled tape is gives batches that are no longer. */
+static size_t timely_points(const struct device *d,
+    const struct device_tape *t, unsigned outputs, size_t left)
+{
+	if (is_culled(d, t, outputs, left))
+		return PIECE_POINTS;
+	return min_size(PLAIN_POINTS, PIECE_WORK / t->insn_count);
 }
 
 /* Points of the next piece of a batch: whole tiles, or all that are left. */
 static size_t piece_points(const struct device *d, const struct device_tape *t,
-    unsigned outputs, size_t left)
+    unsigned outputs, size_t left, bool timely)
 {
-	bool culled = is_culled(d, t, outputs, left);
 	size_t stride = (size_t)output_row_floats(outputs);
-	size_t most = culled ? CULLED_POINTS : PIECE_POINTS, pieces;
-	size_t first = culled ? CULLED_FIRST : PIECE_WORK / t->insn_count;
+	size_t most = timely ? timely_points(d, t, outputs, left) :
+	    PIECE_POINTS, pieces;
 
 	if (!d->reads_host)
 		most = min_size(most, COPIED_BYTES / ((3 + stride) *
 		    sizeof(float)));
-	if (t->pace <= 0.0)
-		most = min_size(most, first);
-	else if (t->pace * (double)most > PIECE_SECONDS)
-		most = (size_t)(PIECE_SECONDS / t->pace);
 	most = most < TILE_POINTS ? TILE_POINTS : most - most % TILE_POINTS;
 	/* Pieces of about the same size. */
 	pieces = (left + most - 1) / most;
@@ -464,7 +468,8 @@ enum err device_evaluate(struct device *d, struct device_tape *t,
 		if (go_on && !go_on(ctx))
 			return device_refuse(&d->failure, ERR_CANCELLED,
 			    "given up after %zu of %zu points", done, count);
-		n = piece_points(d, t, outputs, count - done);
+		n = piece_points(d, t, outputs, count - done,
+		    go_on != NULL);
 		part.count = n;
 		err = run(d, t, &l,
 		    &(struct piece){&part, 1, n, outputs, stride});

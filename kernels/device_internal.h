@@ -15,11 +15,13 @@
 
 #include "core/descriptor.h"
 #include "core/profile.h"
+#include "kernels/cache_file.h"
 #include "kernels/device.h"
 
 struct device_crew;
 struct tiles;
 struct tiles_crew;
+struct tiles_work;
 struct volume;
 
 /* A stretch of an arena, in floats. */
@@ -100,6 +102,7 @@ struct device_workspace {
 	struct device_area order, tiles, insns; /* struct tiles_out's */
 	struct device_area points, rows; /* of pieces that lie elsewhere, or
 	                                  * anywhere but in the host's memory */
+	struct tiles_work *tiling; /* NULL until used */
 	size_t plain_points; /* order and tiles are on the device, for so many
 	                      * points in the order given, whole tapes */
 };
@@ -121,7 +124,7 @@ struct device {
 	cl_kernel kernels[DEVICE_KERNEL_COUNT];
 	char build_options[DEVICE_KERNEL_COUNT][DEVICE_OPTIONS_MAX];
 	bool is_cached[DEVICE_KERNEL_COUNT]; /* came out of the cache */
-	char cache[1024];      /* a folder; "": none */
+	char cache[CACHE_FOLDER_MAX]; /* a folder; "": none */
 	size_t group;          /* work-items of a work-group */
 	int block;             /* vectors of points of a work-item */
 	bool has_shared;       /* areas are shared virtual memory */
@@ -142,7 +145,6 @@ struct device_tape {
 	bool is_plain; /* of instructions that DEVICE_PLAIN knows */
 	struct tiles *tiles;      /* NULL: every tile walks the whole */
 	size_t bytes;             /* of the buffers */
-	double pace;   /* seconds a point of the last piece took, 0: none yet */
 };
 
 /* device_failure.c */

@@ -3,6 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/tiles.h"
+
 /* Areas grow by powers of two from here, so that they seldom do. */
 #define AREA_LEAST 4096
 
@@ -99,6 +101,7 @@ void device_workspace_fini(struct device *d, struct device_workspace *w)
 	device_area_fini(d, &w->insns);
 	device_area_fini(d, &w->points);
 	device_area_fini(d, &w->rows);
+	tiles_work_free(w->tiling);
 }
 
 size_t device_workspace_bytes(const struct device_workspace *w)

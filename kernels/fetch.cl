@@ -310,7 +310,9 @@ static void fetch_cells(TABLE_ARGS, __global const struct operator_desc *desc,
 
 	fetch_spill(desc, x, y, z, &lanes);
 	for (int l = 0; l < WIDTH; l++)
-		row[0][l] = row[1][l] = (float8)(0.0f);
+		row[0][l] = (float8)(0.0f);
+	for (int l = 0; l < WIDTH && order > 1; l++)
+		row[1][l] = (float8)(0.0f);
 	for (; bits != 0u; bits &= bits - 1u) {
 		int l = 31 - (int)clz(bits & -bits);
 		struct fetch_cell cell = fetch_cell(&lanes, l);

@@ -302,38 +302,36 @@ static inline void store_rows(const struct jetr *f, const struct vec3r *color,
 }
 
 /*
- * A point of exponent 3: f = w b^3, b = 1 - d^2/R^2. What b = 0 multiplies is
- * finite in this order of evaluation, however far the point.
+ * Adds a point of exponent 3 to sum: f = w b^3, b = 1 - d^2/R^2, which is
+ * returned. What b = 0 multiplies is finite in this order of evaluation,
+ * however far the point. Value and gradient are rounded once (FUSED_ADD), as
+ * they are when added to 0, so that a point is the same bits whether it is
+ * pushed or what it is added to is 0.
  */
-static inline struct jetr cubic(__global const float *p, struct vec3r x,
-    int order)
-{
-	struct vec3r e = vec3r_sub(x, vec3r_load(p));
-	float inv_r2 = p[3], steep = -6.0f * inv_r2;
-	real b = real_max(1.0f - vec3r_dot(e, e) * inv_r2, REAL(0.0f));
-	real wb = p[5] * b, wbb = wb * b;
-	struct jetr f;
-
-	f.value = wbb * b;
-	if (order >= 1)
-		f.gradient = vec3r_scale(steep * wbb, e);
-	if (order >= 2) {
-		/* H = -6 w b^2/R^2 I + 24 w b/R^4 e e^T */
-		e = vec3r_scale(REAL(sqrt(inv_r2)), e);
-		f.hessian = sym3r_axpy(24.0f * inv_r2 * wb, sym3r_square(e),
-		    sym3r_identity(steep * wbb));
-	}
-	return f;
-}
-
-/* Added in a statement of its own, so that nothing is contracted into it: the
- * same bits come of a point that is pushed and then added. */
-static inline void cubic_add(__global const float *p, struct vec3r x,
+static inline real cubic_add(__global const float *p, struct vec3r x,
     int order, struct jetr *sum)
 {
-	struct jetr f = cubic(p, x, order);
+	struct vec3r e = vec3r_sub(x, vec3r_load(p));
+	float inv_r2 = p[3], weight = p[5], slope = -6.0f * inv_r2 * weight;
+	real b = real_max(1.0f - vec3r_dot(e, e) * inv_r2, REAL(0.0f));
+	real bb = b * b;
+	real f1 = slope * bb;
 
-	compose_sum(sum, &f, order);
+	sum->value = FUSED_ADD(weight * b, bb, sum->value);
+	if (order >= 1)
+		sum->gradient = vec3r(FUSED_ADD(f1, e.x, sum->gradient.x),
+		    FUSED_ADD(f1, e.y, sum->gradient.y),
+		    FUSED_ADD(f1, e.z, sum->gradient.z));
+	if (order >= 2) {
+		/* H = -6 w b^2/R^2 I + 24 w b/R^4 e e^T */
+		struct vec3r t = vec3r_scale(REAL(sqrt(inv_r2)), e);
+		struct vec3r k = vec3r_scale(24.0f * inv_r2 * weight * b, t);
+		struct sym3r h = sym3r(f1 + k.x * t.x, f1 + k.y * t.y,
+		    f1 + k.z * t.z, k.x * t.y, k.x * t.z, k.y * t.z);
+
+		sum->hessian = sym3r_axpy(REAL(1.0f), h, sum->hessian);
+	}
+	return b;
 }
 
 /* Vectors of points whose sums are kept in registers together. */
@@ -342,6 +340,32 @@ static inline void cubic_add(__global const float *p, struct vec3r x,
 #else
 #define RUN 1
 #endif
+
+/*
+ * Of a jet BLOCK vectors deep, bit b: vector b is not 0 in all lanes. Where it
+ * is, the jet is neither written nor read.
+ */
+#define ALL_LIVE ((1u << BLOCK) - 1u)
+
+static inline int is_live(uint live, int b)
+{
+	return (int)(live >> b & 1u);
+}
+
+/* A vector's value. */
+static inline real value_of(struct jetr *const *stack, const uint *live,
+    uint at, int b)
+{
+	return is_live(live[at], b) ? stack[at][b].value : REAL(0.0f);
+}
+
+/* Makes a jet of which not all is live readable. */
+static inline void revive(struct jetr *f, uint live, int order)
+{
+	for (int b = 0; b < BLOCK && live != ALL_LIVE; b++)
+		if (!is_live(live, b))
+			compose_zero(&f[b], order);
+}
 
 /*
  * Adds the points of `pairs` OP_POINT and OP_SUM in a row to BLOCK sums. order
@@ -380,11 +404,31 @@ static void add_points(__global const struct insn *insns, uint pairs,
 		add_run(insns, pairs, params, x, 2, sums);
 }
 
-static void cubic_push(__global const float *p, const struct vec3r *x,
+static inline uint push_points(__global const float *p, const struct vec3r *x,
     int order, struct jetr *out)
 {
-	for (int b = 0; b < BLOCK; b++)
-		out[b] = cubic(p, x[b], order);
+	uint live = 0u;
+
+	for (int b = 0; b < BLOCK; b++) {
+		struct jetr f;
+
+		compose_zero(&f, order);
+		if (!ANY(cubic_add(p, x[b], order, &f) > REAL(0.0f)))
+			continue;
+		live |= 1u << b;
+		compose_copy(&out[b], &f, order);
+	}
+	return live;
+}
+
+static uint cubic_push(__global const float *p, const struct vec3r *x,
+    int order, struct jetr *out)
+{
+	if (order == 0)
+		return push_points(p, x, 0, out);
+	if (order == 1)
+		return push_points(p, x, 1, out);
+	return push_points(p, x, 2, out);
 }
 
 /* Mixes the colours that add_points' sums will have into theirs. */
@@ -397,13 +441,180 @@ static void color_points(__global const struct insn *insns, uint pairs,
 
 		for (uint k = 0; k < pairs; k++) {
 			__global const float *p = params + insns[2 * k].param;
-			struct jetr f = cubic(p, x[b], 0);
+			struct jetr f = {.value = REAL(0.0f)};
 
-			compose_colors(OP_SUM, p, &sum, &f, &colors[b],
-			    &color);
+			cubic_add(p, x[b], 0, &f);
+			compose_colors(OP_SUM, p, sum.value, f.value,
+			    &colors[b], &color);
 			compose_sum(&sum, &f, 0);
 		}
 	}
+}
+
+#if WIDTH > 1 && BLOCK > 1
+#define HAS_PACKS 1
+
+#define JET_REALS 10
+
+/* A component of WIDTH lanes of a jet BLOCK vectors deep. */
+static inline real pack(const real *component, const int *at)
+{
+	return lanes_pack((const float *)component, at);
+}
+
+static inline void unpack(real *component, const int *at, uint bits, real x)
+{
+	lanes_unpack((float *)component, at, bits, x);
+}
+
+static inline void pack_first(const struct jetr *f, const int *at, int order,
+    struct jetr *out)
+{
+	out->value = pack(&f->value, at);
+	if (order >= 1)
+		out->gradient = vec3r(pack(&f->gradient.x, at),
+		    pack(&f->gradient.y, at), pack(&f->gradient.z, at));
+}
+
+static inline void pack_hessian(const struct jetr *f, const int *at,
+    struct jetr *out)
+{
+	out->hessian = sym3r(pack(&f->hessian.xx, at),
+	    pack(&f->hessian.yy, at), pack(&f->hessian.zz, at),
+	    pack(&f->hessian.xy, at), pack(&f->hessian.xz, at),
+	    pack(&f->hessian.yz, at));
+}
+
+static inline void unpack_jet(struct jetr *f, const int *at, uint bits,
+    int order, const struct jetr *from)
+{
+	unpack(&f->value, at, bits, from->value);
+	if (order >= 1) {
+		unpack(&f->gradient.x, at, bits, from->gradient.x);
+		unpack(&f->gradient.y, at, bits, from->gradient.y);
+		unpack(&f->gradient.z, at, bits, from->gradient.z);
+	}
+	if (order >= 2) {
+		unpack(&f->hessian.xx, at, bits, from->hessian.xx);
+		unpack(&f->hessian.yy, at, bits, from->hessian.yy);
+		unpack(&f->hessian.zz, at, bits, from->hessian.zz);
+		unpack(&f->hessian.xy, at, bits, from->hessian.xy);
+		unpack(&f->hessian.xz, at, bits, from->hessian.xz);
+		unpack(&f->hessian.yz, at, bits, from->hessian.yz);
+	}
+}
+
+/* Lanes of several vectors where two fields are over 0. */
+struct packed {
+	int at[(BLOCK + 1) * WIDTH]; /* floats from a jet's first */
+	int count, vectors;          /* lanes; vectors that have some */
+};
+
+/* both: of the vectors that are live in f and in g. */
+static inline void find_packed(uint both, const struct jetr *f,
+    const struct jetr *g, struct packed *out)
+{
+	const real zero = REAL(0.0f);
+
+	out->count = out->vectors = 0;
+	for (int b = 0; b < BLOCK; b++) {
+		uint bits;
+
+		if (!is_live(both, b))
+			continue;
+		bits = lanes_bits((f[b].value > zero) & (g[b].value > zero));
+		out->vectors += bits != 0u;
+		out->count += lanes_list(bits, b * JET_REALS * WIDTH,
+		    out->at + out->count);
+	}
+}
+
+/*
+ * A union of which the lanes that may blend fit into one vector, although they
+ * lie in several: what is to be known of them is found out once. Of 16 random
+ * lanes 1.3 are like that, where any is.
+ */
+static void unite_packed(TABLE_ARGS, __global const float *openings,
+    __global const struct operator_desc *desc, float null_gradient,
+    struct packed *lanes, uint first, uint second, int order, struct jetr *f,
+    struct jetr *g)
+{
+	struct blend blend;
+	uint bits = 0u;
+
+	for (int l = lanes->count; l < WIDTH; l++)
+		lanes->at[l] = lanes->at[lanes->count - 1];
+	pack_first(f, lanes->at, compose_first_order(desc, order), &blend.a);
+	pack_first(g, lanes->at, compose_first_order(desc, order), &blend.b);
+	if (compose_meets(curves, openings, desc, null_gradient, INT(-1),
+	    order, &blend)) {
+		bits = lanes_bits(blend.region.blend) &
+		    (0xffffffffu >> (32 - lanes->count));
+		if (compose_order(desc, order) >= 2) {
+			pack_hessian(f, lanes->at, &blend.a);
+			pack_hessian(g, lanes->at, &blend.b);
+		}
+		compose_blended(TABLE_PASS, openings, desc, order, &blend);
+	}
+	for (int b = 0; b < BLOCK; b++)
+		if (!is_live(second, b))
+			continue;
+		else if (!is_live(first, b))
+			compose_copy(&f[b], &g[b], order);
+		else
+			compose_max(&f[b], &g[b], order);
+	if (bits != 0u)
+		unpack_jet(f, lanes->at, bits, order, &blend.a);
+}
+#endif
+
+/* One vector of a primitive; whether it was written. */
+static inline int push(uint op, uint index, __global const float *p,
+    __global const float *volumes, __global const uint *volume_firsts,
+    struct vec3r x, int order, struct jetr *out)
+{
+	if (WHOLE && op == OP_VOLUME) {
+		volume_eval(volumes + volume_firsts[index], p, x, order, out);
+		return 1;
+	}
+	if (WHOLE && op >= OP_CAUCHY_POINT && op != OP_ZERO) {
+		convolution_eval(op, p, x, order, out);
+		return 1;
+	}
+	return primitive_eval(op, p, x, order, out);
+}
+
+/* Compositions that are the other operand where one is 0. */
+static inline int is_join(uint op)
+{
+	return op == OP_SUM || op == OP_UNION || op == OP_RICCI ||
+	    op == OP_MAX;
+}
+
+/* Which vectors may not be 0 of those that have an operand of 0: a difference
+ * is not where only what it takes away is. */
+static inline uint live_after(uint op, uint first, uint second)
+{
+	if (op == OP_MINUS || op == OP_DIFFERENCE)
+		return first;
+	if (op == OP_MINUS_SWAPPED || op == OP_DIFFERENCE_SWAPPED)
+		return second;
+	return first & second;
+}
+
+/* One vector of a composition; whether anything is left of it. */
+static inline int compose(TABLE_ARGS, __global const float *openings,
+    __global const struct operator_desc *descs, struct insn insn,
+    __global const float *p, int order, struct jetr *a, struct jetr *b)
+{
+	if (insn.op < OP_CLASSIC)
+		compose_plain(insn.op, p[0], a, b, order);
+	else if (WHOLE && insn.op < OP_UNION)
+		compose_classic(insn.op, insn.index, p, a, b, order);
+	else
+		return compose_blend(TABLE_PASS, openings,
+		    descs + insn.index, insn.op, p[0], a, b, order);
+	return 1;
 }
 
 /*
@@ -428,7 +639,9 @@ __kernel void evaluate(TABLE_ARGS, __global const float *openings,
 	int root_order = output_order(outputs);
 	int colored = WHOLE && (outputs & OUTPUT_COLOR) != 0;
 	struct vec3r bases[TAPE_WARPS_MAX + 1][BLOCK], x[BLOCK];
-	struct jetr stack[TAPE_STACK_MAX][BLOCK];
+	struct jetr jets[TAPE_STACK_MAX][BLOCK];
+	struct jetr *stack[TAPE_STACK_MAX]; /* what is beyond top is spare */
+	uint live[TAPE_STACK_MAX];
 	struct vec3r colors[TAPE_STACK_MAX][BLOCK];
 	struct vec3r color = vec3r(REAL(COLOR_DEFAULT), REAL(COLOR_DEFAULT),
 	    REAL(COLOR_DEFAULT));
@@ -439,6 +652,8 @@ __kernel void evaluate(TABLE_ARGS, __global const float *openings,
 		insns = tile_insns + tile.first;
 		insn_count = tile.count;
 	}
+	for (int k = 0; k < TAPE_STACK_MAX; k++)
+		stack[k] = jets[k];
 	for (int b = 0; b < BLOCK; b++) {
 		x[b] = draw_in(load_points(points, order + b * WIDTH));
 		bases[0][b] = x[b];
@@ -448,29 +663,29 @@ __kernel void evaluate(TABLE_ARGS, __global const float *openings,
 		__global const float *p = params + insn.param;
 		int deep = min(root_order + (int)insn.extra, 2);
 
-		for (int b = 0; b < BLOCK && colored && insn.op >= OP_MAX; b++)
-			compose_colors(insn.op, p, &stack[top - 2][b],
-			    &stack[top - 1][b], &colors[top - 2][b],
-			    &colors[top - 1][b]);
+		if (colored && insn.op >= OP_MAX)
+			for (int b = 0; b < BLOCK; b++)
+				compose_colors(insn.op, p,
+				    value_of(stack, live, top - 2, b),
+				    value_of(stack, live, top - 1, b),
+				    &colors[top - 2][b], &colors[top - 1][b]);
 		if (insn.op == OP_POINT && insn.index > 0) {
+			revive(stack[top - 1], live[top - 1], deep);
+			live[top - 1] = ALL_LIVE;
 			if (colored)
 				color_points(insns + i, insn.index, params, x,
 				    color, stack[top - 1], colors[top - 1]);
 			add_points(insns + i, insn.index, params, x, deep,
 			    stack[top - 1]);
 			i += 2 * insn.index - 1;
-		} else if (insn.op == OP_POINT && p[4] == 3.0f) {
-			cubic_push(p, x, deep, stack[top]);
-			for (int b = 0; b < BLOCK && colored; b++)
-				colors[top][b] = color;
-			top++;
 		} else if (insn.op == OP_FRAME) {
 			for (int b = 0; b < BLOCK; b++)
 				x[b] = enter_frame(p,
 				    bases[WHOLE ? base : 0][b]);
 		} else if (insn.op == OP_CARRY) {
 			for (int b = 0; b < BLOCK; b++)
-				carry(p, &stack[top - 1][b], deep);
+				if (is_live(live[top - 1], b))
+					carry(p, &stack[top - 1][b], deep);
 		} else if (insn.op == OP_COLOR) {
 			color = vec3r_load(p);
 		} else if (WHOLE && insn.op == OP_ENTER) {
@@ -481,43 +696,80 @@ __kernel void evaluate(TABLE_ARGS, __global const float *openings,
 		} else if (WHOLE && insn.op == OP_LEAVE) {
 			base--;
 			for (int b = 0; b < BLOCK; b++)
-				leave_warp(insn.index, p, bases[base][b],
-				    &stack[top - 1][b], deep);
+				if (is_live(live[top - 1], b))
+					leave_warp(insn.index, p,
+					    bases[base][b],
+					    &stack[top - 1][b], deep);
 		} else if (insn.op < OP_MAX) {
-			for (int b = 0; b < BLOCK; b++)
-				if (insn.op == OP_ZERO)
-					compose_zero(&stack[top][b], deep);
-				else if (WHOLE && insn.op == OP_VOLUME)
-					volume_eval(volumes +
-					    volume_firsts[insn.index], p, x[b],
-					    deep, &stack[top][b]);
-				else if (WHOLE && insn.op >= OP_CAUCHY_POINT)
-					convolution_eval(insn.op, p, x[b],
-					    deep, &stack[top][b]);
-				else
-					primitive_eval(insn.op, p, x[b], deep,
-					    &stack[top][b]);
+			uint some = 0u;
+
+			if (insn.op == OP_POINT && p[4] == 3.0f)
+				some = cubic_push(p, x, deep, stack[top]);
+			else
+				for (int b = 0; b < BLOCK; b++)
+					some |= (uint)push(insn.op, insn.index,
+					    p, volumes, volume_firsts, x[b],
+					    deep, &stack[top][b]) << b;
+			live[top] = some;
 			for (int b = 0; b < BLOCK && colored; b++)
 				colors[top][b] = color;
 			top++;
-		} else if (insn.op < OP_CLASSIC) {
+		} else if (is_join(insn.op)) {
+			uint first = live[top - 2], second = live[top - 1];
+			struct jetr *f = stack[top - 2], *g = stack[top - 1];
+
 			top--;
+			live[top - 1] = first | second;
+			if (first == 0u) {
+				stack[top - 1] = g;
+				stack[top] = f;
+				continue;
+			}
+#ifdef HAS_PACKS
+			if (insn.op == OP_UNION) {
+				struct packed lanes;
+
+				find_packed(first & second, f, g, &lanes);
+				if (lanes.vectors > 1 &&
+				    lanes.count <= WIDTH) {
+					unite_packed(TABLE_PASS, openings,
+					    descs + insn.index, p[0], &lanes,
+					    first, second, deep, f, g);
+					continue;
+				}
+			}
+#endif
 			for (int b = 0; b < BLOCK; b++)
-				compose_plain(insn.op, p[0],
-				    &stack[top - 1][b], &stack[top][b], deep);
-		} else if (WHOLE && insn.op < OP_UNION) {
-			top--;
-			for (int b = 0; b < BLOCK; b++)
-				compose_classic(insn.op, insn.index, p,
-				    &stack[top - 1][b], &stack[top][b], deep);
+				if (!is_live(second, b))
+					continue;
+				else if (!is_live(first, b))
+					compose_copy(&f[b], &g[b], deep);
+				else
+					compose(TABLE_PASS, openings, descs,
+					    insn, p, deep, &f[b], &g[b]);
 		} else {
+			uint first = live[top - 2], second = live[top - 1];
+			struct jetr *f = stack[top - 2], *g = stack[top - 1];
+			int most = min(deep + 1, 2);
+			uint some = ALL_LIVE;
+
 			top--;
+			if (insn.op != OP_CLASSIC &&
+			    insn.op != OP_CLASSIC_SWAPPED)
+				some = live_after(insn.op, first, second);
+			if (some != 0u) {
+				revive(f, first, most);
+				revive(g, second, most);
+			}
+			live[top - 1] = 0u;
 			for (int b = 0; b < BLOCK; b++)
-				compose_blend(TABLE_PASS, openings,
-				    descs + insn.index, insn.op, p[0],
-				    &stack[top - 1][b], &stack[top][b], deep);
+				if (is_live(some, b))
+					live[top - 1] |= (uint)compose(
+					    TABLE_PASS, openings, descs, insn,
+					    p, deep, &f[b], &g[b]) << b;
 		}
 	}
+	revive(stack[0], live[0], root_order);
 	for (int b = 0; b < BLOCK; b++)
 		store_rows(&stack[0][b], &colors[0][b], outputs,
 		    order + b * WIDTH, rows);

@@ -75,6 +75,9 @@ static inline uint lanes_bits(mask m)
  */
 static inline int lanes_any(mask m)
 {
+#ifdef HAS_AVX512
+	return lanes_bits(m) != 0u;
+#else
 #if WIDTH == 16
 	int8 eight = m.lo | m.hi;
 #elif WIDTH == 8
@@ -92,6 +95,7 @@ static inline int lanes_any(mask m)
 #endif
 
 	return (two.x | two.y) != 0;
+#endif
 }
 
 #ifdef HAS_AVX512
@@ -102,6 +106,57 @@ static inline real lanes_gather(__global const float *from, mask at)
 	    (const void *)(ulong)from, at, (ushort)0xffff, 4);
 }
 #endif
+
+/* The numbers of the lanes of bits, plus first, in order to to[0], ..., which
+ * has room for WIDTH of them. Their count. */
+static inline int lanes_list(uint bits, int first, int *to)
+{
+#ifdef HAS_AVX512
+	const int16 lane = (int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12,
+	    13, 14, 15);
+
+	vstore16(__builtin_ia32_compresssi512_mask(lane + first, lane,
+	    (ushort)bits), 0, to);
+	return (int)popcount(bits);
+#else
+	int count = 0;
+
+	for (; bits != 0u; bits &= bits - 1u)
+		to[count++] = first + 31 - (int)clz(bits & -bits);
+	return count;
+#endif
+}
+
+/* from[at[l]] of every lane l. */
+static inline real lanes_pack(const float *from, const int *at)
+{
+#ifdef HAS_AVX512
+	return __builtin_ia32_gathersiv16sf(REAL(0.0f), (const void *)from,
+	    vload16(0, at), (ushort)0xffff, 4);
+#else
+	float lane[WIDTH];
+
+	for (int l = 0; l < WIDTH; l++)
+		lane[l] = from[at[l]];
+	return LOAD(0, lane);
+#endif
+}
+
+/* to[at[l]] becomes lane l of x, of the lanes of bits. */
+static inline void lanes_unpack(float *to, const int *at, uint bits, real x)
+{
+#ifdef HAS_AVX512
+	__builtin_ia32_scattersiv16sf((void *)to, (ushort)bits,
+	    vload16(0, at), x, 4);
+#else
+	float lane[WIDTH];
+
+	STORE(x, 0, lane);
+	for (int l = 0; l < WIDTH; l++)
+		if (bits >> l & 1u)
+			to[at[l]] = lane[l];
+#endif
+}
 
 #endif
 
@@ -117,6 +172,29 @@ static inline real lanes_rsqrt(real x)
 	return 1.0f / sqrt(x);
 #endif
 }
+
+/* 1/x, to 2 ulp, for |x| from 1e-37 to 1e37. */
+static inline real lanes_inverse(real x)
+{
+#ifdef HAS_AVX512
+	real r = __builtin_ia32_rcp14ps512_mask(x, REAL(0.0f),
+	    (ushort)0xffff);
+
+	return r + r * (1.0f - x * r);
+#else
+	return 1.0f / x;
+#endif
+}
+
+/*
+ * s + a b, rounded once where the processor does that at no cost: for places
+ * where it may not be left to the compiler which.
+ */
+#if defined(__FMA__) || defined(HAS_AVX512)
+#define FUSED_ADD(a, b, s) fma(a, b, s)
+#else
+#define FUSED_ADD(a, b, s) ((s) + (a) * (b))
+#endif
 
 /* yes where m holds, no elsewhere; yes and no are real, or both mask. */
 #define SELECT(no, yes, m) ((m) ? (yes) : (no))

@@ -27,7 +27,7 @@ static inline real inverse(real x)
 {
 	mask m = x > TINY;
 
-	return SELECT(REAL(0.0f), 1.0f / SELECT(REAL(1.0f), x, m), m);
+	return SELECT(REAL(0.0f), lanes_inverse(SELECT(REAL(1.0f), x, m)), m);
 }
 
 /* v / |v|, or 0; |v| in *norm. */
@@ -60,22 +60,12 @@ static inline real power(real s, float k)
 }
 
 /*
- * Whether no lane of t is under 1, where a support ends; the jet is 0 then, and
- * there are no derivatives to be had. Most primitives are out of reach at most
- * points: a tree of 50 mixed ones takes 0.75 to 0.86 of the time on a grid's
- * points, 1.03 on random ones. A cubic point is too cheap: 2.4 times at random.
+ * Whether no lane of t is under 1, where a support ends: the jet is 0 then, and
+ * is not written. Most primitives are out of reach at most points.
  */
-static inline int out_of_reach(real t, int order, struct jetr *out)
+static inline int out_of_reach(real t)
 {
-	const real zero = REAL(0.0f);
-
-	if (order < 1 || ANY(t < REAL(1.0f)))
-		return 0;
-	out->value = zero;
-	out->gradient = vec3r(zero, zero, zero);
-	if (order >= 2)
-		out->hessian = sym3r_identity(zero);
-	return 1;
+	return !ANY(t < REAL(1.0f));
 }
 
 /*
@@ -113,50 +103,23 @@ static inline real support(real d2, float inv_r2)
 	return real_min(d2, REAL(4.0f / inv_r2)) * inv_r2;
 }
 
-/*
- * The commonest exponent, 3: f = w b^3, b = 1 - d^2/R^2. What b = 0 multiplies
- * is finite in this order of evaluation, however far the point.
- */
-static inline void point_cubic(__global const float *p, struct vec3r x,
-    int order, struct jetr *out)
-{
-	struct vec3r e = vec3r_sub(x, vec3r_load(p));
-	float inv_r2 = p[3], inv_r = sqrt(inv_r2);
-	real b = real_max(1.0f - vec3r_dot(e, e) * inv_r2, REAL(0.0f));
-	real wb = p[5] * b, f1;
-	struct vec3r t, k;
-
-	out->value = wb * b * b;
-	if (order < 1)
-		return;
-	f1 = -6.0f * inv_r2 * b * wb;
-	out->gradient = vec3r_scale(f1, e);
-	if (order < 2)
-		return;
-	t = vec3r_scale(REAL(inv_r), e);
-	k = vec3r_scale(24.0f * inv_r2 * wb, t);
-	out->hessian = sym3r(f1 + k.x * t.x, f1 + k.y * t.y, f1 + k.z * t.z,
-	    k.x * t.y, k.x * t.z, k.y * t.z);
-}
-
-static void point(__global const float *p, struct vec3r x, int order,
+static int point(__global const float *p, struct vec3r x, int order,
     struct jetr *out)
 {
 	struct vec3r e = vec3r_sub(x, vec3r_load(p));
 	float inv_r2 = p[3];
 	struct jetr s;
 
-	if (p[4] == 3.0f) {
-		point_cubic(p, x, order, out);
-		return;
-	}
 	s.value = support(vec3r_dot(e, e), inv_r2);
+	if (out_of_reach(s.value))
+		return 0;
 	s.gradient = vec3r_scale(REAL(2.0f * inv_r2), e);
 	s.hessian = sym3r_identity(REAL(2.0f * inv_r2));
 	soft(&s, p[4], p[5], order, out);
+	return 1;
 }
 
-static void segment(__global const float *p, struct vec3r x, int order,
+static int segment(__global const float *p, struct vec3r x, int order,
     struct jetr *out)
 {
 	struct vec3r u = vec3r_load(p + 3), e = vec3r_sub(x, vec3r_load(p));
@@ -165,15 +128,16 @@ static void segment(__global const float *p, struct vec3r x, int order,
 	real t = real_clamp(along, zero, REAL(p[6]));
 	/* The far end's radius may be lost in rounding, but not to 0. */
 	real r = real_max(p[7] + p[8] * t, REAL(1e-7f * p[7]));
-	real r2 = r * r, inv_r2 = 1.0f / r2, k, sk;
+	real r2 = r * r, inv_r2 = lanes_inverse(r2), k, sk;
 	struct jetr s;
 
 	e = vec3r_axpy(-t, u, e);
 	s.value = real_min(vec3r_dot(e, e), 4.0f * r2) * inv_r2;
-	if (out_of_reach(s.value, order, out))
-		return;
+	if (out_of_reach(s.value))
+		return 0;
 	if (order >= 1) {
-		k = real_clamp(p[8] / r, REAL(-STEEPEST), REAL(STEEPEST));
+		k = real_clamp(p[8] * (r * inv_r2), REAL(-STEEPEST),
+		    REAL(STEEPEST));
 		k = SELECT(zero, k, between);
 		sk = s.value * k;
 		s.gradient = vec3r_axpy(-2.0f * sk, u,
@@ -191,6 +155,7 @@ static void segment(__global const float *p, struct vec3r x, int order,
 		    vec3r_scale(inv_r2, e), u), s.hessian);
 	}
 	soft(&s, p[9], p[10], order, out);
+	return 1;
 }
 
 /*
@@ -275,7 +240,7 @@ static struct foot triangle_foot(float3 a, float3 b, float3 c, struct vec3r x)
 	    beside(n, bc, eb) && beside(n, ca, ec));
 }
 
-static void triangle(__global const float *p, struct vec3r x, int order,
+static int triangle(__global const float *p, struct vec3r x, int order,
     struct jetr *out)
 {
 	struct foot f = triangle_foot(vload3(0, p), vload3(1, p),
@@ -284,13 +249,14 @@ static void triangle(__global const float *p, struct vec3r x, int order,
 	struct jetr s;
 
 	s.value = support(vec3r_dot(f.e, f.e), inv_r2);
-	if (out_of_reach(s.value, order, out))
-		return;
+	if (out_of_reach(s.value))
+		return 0;
 	s.gradient = vec3r_scale(REAL(2.0f * inv_r2), f.e);
 	if (order >= 2)
 		s.hessian = sym3r_scale(REAL(2.0f * inv_r2), sym3r_axpy(f.along,
 		    sym3r_square(f.v), sym3r_identity(f.isotropic)));
 	soft(&s, p[10], p[11], order, out);
+	return 1;
 }
 
 /*
@@ -362,7 +328,7 @@ static void revolve(const struct planar *f, const struct cylindrical *c,
  * A soft object whose skeleton is at distance a from the axis' ring, as seen in
  * (rho, z). p: inv_r2, n, weight.
  */
-static void ring(__global const float *p, real a, mask radial,
+static int ring(__global const float *p, real a, mask radial,
     const struct cylindrical *c, int order, struct jetr *out)
 {
 	float inv_r2 = p[0];
@@ -372,28 +338,29 @@ static void ring(__global const float *p, real a, mask radial,
 	    two * (a * c->inv_rho)};
 	struct jetr s;
 
-	if (out_of_reach(f.value, order, out))
-		return;
+	if (out_of_reach(f.value))
+		return 0;
 	revolve(&f, c, order, &s);
 	soft(&s, p[1], p[2], order, out);
+	return 1;
 }
 
-static void disc(__global const float *p, struct vec3r x, int order,
+static int disc(__global const float *p, struct vec3r x, int order,
     struct jetr *out)
 {
 	struct cylindrical c = about_axis(p, p + 3, x, p[6]);
 	mask beyond = c.rho > p[6];
 
-	ring(p + 7, SELECT(REAL(0.0f), c.rho - p[6], beyond), beyond, &c,
+	return ring(p + 7, SELECT(REAL(0.0f), c.rho - p[6], beyond), beyond, &c,
 	    order, out);
 }
 
-static void circle(__global const float *p, struct vec3r x, int order,
+static int circle(__global const float *p, struct vec3r x, int order,
     struct jetr *out)
 {
 	struct cylindrical c = about_axis(p, p + 3, x, p[6]);
 
-	ring(p + 7, c.rho - p[6], INT(-1), &c, order, out);
+	return ring(p + 7, c.rho - p[6], INT(-1), &c, order, out);
 }
 
 /*
@@ -419,18 +386,25 @@ static void solid(const struct jetr *d, float inv_fall, int order,
 	    sym3r_scale(f1, d->hessian));
 }
 
+/* Distance |e| less radius. */
+static inline real round_value(struct vec3r e, float radius, real *length)
+{
+	*length = sqrt(vec3r_dot(e, e));
+	return *length - radius;
+}
+
 /*
- * Distance |e| less radius, and its Hessian but for the part
+ * Its derivatives; of the Hessian but for the part
  * along an axis u that e is measured from: (I - gg^T - axial uu^T)/|e|.
  */
-static void round_distance(struct vec3r e, float radius, struct vec3r u,
-    real axial, int order, struct jetr *out)
+static void round_distance(struct vec3r e, real length, float radius,
+    struct vec3r u, real axial, int order, struct jetr *out)
 {
 	struct sym3r flat;
-	real length;
 
-	out->gradient = unit(e, &length);
-	out->value = length - radius;
+	if (order < 1)
+		return;
+	out->gradient = vec3r_scale(inverse(length), e);
 	if (order < 2)
 		return;
 	flat = sym3r_axpy(REAL(-1.0f), sym3r_square(out->gradient),
@@ -440,27 +414,38 @@ static void round_distance(struct vec3r e, float radius, struct vec3r u,
 	    1.0f / real_max(length, REAL(AXIS_GUARD * radius)), flat);
 }
 
-static void sphere(__global const float *p, struct vec3r x, int order,
+static int sphere(__global const float *p, struct vec3r x, int order,
     struct jetr *out)
 {
 	struct vec3r e = vec3r_sub(x, vec3r_load(p));
 	struct jetr d;
+	real length;
 
-	round_distance(e, p[3], e, REAL(0.0f), order, &d);
+	d.value = round_value(e, p[3], &length);
+	if (out_of_reach(d.value * p[4]))
+		return 0;
+	round_distance(e, length, p[3], e, REAL(0.0f), order, &d);
 	solid(&d, p[4], order, out);
+	return 1;
 }
 
-static void capsule(__global const float *p, struct vec3r x, int order,
+static int capsule(__global const float *p, struct vec3r x, int order,
     struct jetr *out)
 {
 	struct vec3r u = vec3r_load(p + 3), e = vec3r_sub(x, vec3r_load(p));
 	real along = vec3r_dot(u, e), zero = REAL(0.0f);
 	mask between = along > 0.0f && along < p[6];
 	struct jetr d;
+	real length;
 
 	e = vec3r_axpy(-real_clamp(along, zero, REAL(p[6])), u, e);
-	round_distance(e, p[7], u, SELECT(zero, REAL(1.0f), between), order, &d);
+	d.value = round_value(e, p[7], &length);
+	if (out_of_reach(d.value * p[8]))
+		return 0;
+	round_distance(e, length, p[7], u, SELECT(zero, REAL(1.0f), between),
+	    order, &d);
 	solid(&d, p[8], order, out);
+	return 1;
 }
 
 static inline real sign_of(real x)
@@ -499,7 +484,7 @@ static struct sym3r box_hessian(struct vec3r o, struct vec3r g, real inv,
 	    -inv * g.y * g.z * side.y * side.z);
 }
 
-static void box(__global const float *p, struct vec3r x, int order,
+static int box(__global const float *p, struct vec3r x, int order,
     struct jetr *out)
 {
 	struct vec3r d = vec3r_sub(x, vec3r_load(p));
@@ -515,14 +500,15 @@ static void box(__global const float *p, struct vec3r x, int order,
 
 	box_inside(q, side, &jet);
 	jet.value = SELECT(jet.value, length, outside) - p[6];
-	if (out_of_reach(jet.value * p[7], order, out))
-		return;
+	if (out_of_reach(jet.value * p[7]))
+		return 0;
 	jet.gradient = vec3r_select(jet.gradient,
 	    vec3r(g.x * side.x, g.y * side.y, g.z * side.z), outside);
 	if (order >= 2)
 		jet.hessian = box_hessian(o, g, 1.0f /
 		    real_max(length, REAL(AXIS_GUARD / p[7])), side);
 	solid(&jet, p[7], order, out);
+	return 1;
 }
 
 /*
@@ -553,18 +539,19 @@ static struct planar line_distance(real distance, real r, real z,
 	return f;
 }
 
-static void solid_of_revolution(const struct planar *distance,
+static int solid_of_revolution(const struct planar *distance,
     const struct cylindrical *c, float inv_fall, int order, struct jetr *out)
 {
 	struct jetr d;
 
-	if (out_of_reach(distance->value * inv_fall, order, out))
-		return;
+	if (out_of_reach(distance->value * inv_fall))
+		return 0;
 	revolve(distance, c, order, &d);
 	solid(&d, inv_fall, order, out);
+	return 1;
 }
 
-static void cylinder(__global const float *p, struct vec3r x, int order,
+static int cylinder(__global const float *p, struct vec3r x, int order,
     struct jetr *out)
 {
 	struct cylindrical c = about_axis(p, p + 3, x, p[7]);
@@ -576,7 +563,7 @@ static void cylinder(__global const float *p, struct vec3r x, int order,
 
 	f = planar_select(f, corner_distance(q, w * side, REAL(p[7]),
 	    AXIS_GUARD / p[8], &c), q > 0.0f && w > 0.0f);
-	solid_of_revolution(&f, &c, p[8], order, out);
+	return solid_of_revolution(&f, &c, p[8], order, out);
 }
 
 /*
@@ -613,17 +600,17 @@ static struct planar cone_profile(float length, float ra, float rb,
 	return planar_select(corner, line, side || bottom || top);
 }
 
-static void cone(__global const float *p, struct vec3r x, int order,
+static int cone(__global const float *p, struct vec3r x, int order,
     struct jetr *out)
 {
 	struct cylindrical c = about_axis(p, p + 3, x,
 	    p[7] > p[8] ? p[7] : p[8]);
 	struct planar f = cone_profile(p[6], p[7], p[8], AXIS_GUARD / p[9], &c);
 
-	solid_of_revolution(&f, &c, p[9], order, out);
+	return solid_of_revolution(&f, &c, p[9], order, out);
 }
 
-static void torus(__global const float *p, struct vec3r x, int order,
+static int torus(__global const float *p, struct vec3r x, int order,
     struct jetr *out)
 {
 	struct cylindrical c = about_axis(p, p + 3, x, p[6]);
@@ -631,61 +618,56 @@ static void torus(__global const float *p, struct vec3r x, int order,
 	    AXIS_GUARD * p[7], &c);
 
 	f.value -= p[7];
-	solid_of_revolution(&f, &c, p[8], order, out);
+	return solid_of_revolution(&f, &c, p[8], order, out);
 }
 
-static void plane(__global const float *p, struct vec3r x, int order,
+static int plane(__global const float *p, struct vec3r x, int order,
     struct jetr *out)
 {
 	struct vec3r u = vec3r_load(p + 3);
 	struct jetr d;
 
 	d.value = vec3r_dot(u, vec3r_sub(x, vec3r_load(p)));
+	if (out_of_reach(d.value * p[6]))
+		return 0;
 	d.gradient = u;
 	d.hessian = sym3r_identity(REAL(0.0f));
 	solid(&d, p[6], order, out);
+	return 1;
 }
 
-/* The field of a primitive opcode at x, with derivatives up to order. */
-static void primitive_eval(uint op, __global const float *params,
+/*
+ * The field of a primitive opcode at x, with derivatives up to order. 0: it is
+ * 0 in all lanes, and *out is not written.
+ */
+static int primitive_eval(uint op, __global const float *params,
     struct vec3r x, int order, struct jetr *out)
 {
 	switch (op) {
 	case OP_POINT:
-		point(params, x, order, out);
-		break;
+		return point(params, x, order, out);
 	case OP_SEGMENT:
-		segment(params, x, order, out);
-		break;
+		return segment(params, x, order, out);
 	case OP_TRIANGLE:
-		triangle(params, x, order, out);
-		break;
+		return triangle(params, x, order, out);
 	case OP_DISC:
-		disc(params, x, order, out);
-		break;
+		return disc(params, x, order, out);
 	case OP_CIRCLE:
-		circle(params, x, order, out);
-		break;
+		return circle(params, x, order, out);
 	case OP_SPHERE:
-		sphere(params, x, order, out);
-		break;
+		return sphere(params, x, order, out);
 	case OP_BOX:
-		box(params, x, order, out);
-		break;
+		return box(params, x, order, out);
 	case OP_CYLINDER:
-		cylinder(params, x, order, out);
-		break;
+		return cylinder(params, x, order, out);
 	case OP_CAPSULE:
-		capsule(params, x, order, out);
-		break;
+		return capsule(params, x, order, out);
 	case OP_CONE:
-		cone(params, x, order, out);
-		break;
+		return cone(params, x, order, out);
 	case OP_TORUS:
-		torus(params, x, order, out);
-		break;
+		return torus(params, x, order, out);
 	case OP_PLANE:
-		plane(params, x, order, out);
-		break;
+		return plane(params, x, order, out);
 	}
+	return 0;
 }

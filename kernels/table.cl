@@ -14,8 +14,8 @@ static inline real table_tan(real x)
 {
 	real s = x * x;
 
-	return x * (945.0f - s * (105.0f - s)) /
-	    (945.0f - s * (420.0f - 15.0f * s));
+	return x * (945.0f - s * (105.0f - s)) *
+	    lanes_inverse(945.0f - s * (420.0f - 15.0f * s));
 }
 
 /* The union's boundary at c <= 1/2, T = tan(theta). */
@@ -27,11 +27,11 @@ static real table_boundary_union(__global const float *curves, real c, real T)
 	lambda = c;
 	if (ANY(curved)) {
 		lambda = curve_value(curves, TABLE_CURVE_NODES, 2.0f,
-		    (2.0f * c - T) * (1.0f / real_max(1.0f - T, REAL(1e-7f))));
+		    (2.0f * c - T) * lanes_inverse(real_max(1.0f - T, REAL(1e-7f))));
 		lambda = SELECT(c, (1.0f - T) * 0.25f * lambda + below,
 		    curved);
 	}
-	scale = lambda * (1.0f / (1.0f + T));
+	scale = lambda * lanes_inverse(1.0f + T);
 	return 8.0f * T * scale * scale;
 }
 
@@ -61,8 +61,8 @@ static real table_depth(__global const float *curves, uint family, real near,
 /* The coordinate u of a table's node at near <= 1/2. */
 static inline real table_coordinate(real near)
 {
-	return 2.0f * near /
-	    (1.0f + sqrt(real_max(1.0f - 2.0f * near, REAL(0.0f))));
+	return 2.0f * near * lanes_inverse(1.0f +
+	    sqrt(real_max(1.0f - 2.0f * near, REAL(0.0f))));
 }
 
 /* sigma and its derivatives in r, up to order, by way of v: sqrt(1 - r) = 1 - v. */
@@ -80,7 +80,7 @@ static void table_sigma(__global const float *sigma, real r, int order,
 		s = real_max(s, REAL(TABLE_FOLD_FIRST));
 		curve_lookup(sigma, TABLE_CURVE_NODES, 1.0f, 1.0f - s, at);
 	}
-	out[1] = at[1] / (2.0f * s);
+	out[1] = at[1] * (0.5f * lanes_inverse(s));
 	if (order < 2)
 		return;
 	if (ANY(s < REAL(TABLE_FOLD_SECOND))) {
@@ -100,11 +100,13 @@ static mask table_closed(__global const float *sigma, mask blend, real near,
 	real half_t = 0.5f * T, a = near - half_t, b = far - half_t;
 	mask closed = blend & (b > REAL(0.0f)) &
 	    (a + b >= 0.49f * (1.0f - T));
-	real r, s[3], g, c, gn, gnn, gnf, T1;
+	real r, s[3], g, c, gn, gnn, gnf, T1, inv_a;
 
 	if (!ANY(closed))
 		return closed;
-	r = SELECT(REAL(0.0f), b / a, closed);
+	a = SELECT(REAL(1.0f), a, closed);
+	inv_a = lanes_inverse(a);
+	r = SELECT(REAL(0.0f), b * inv_a, closed);
 	table_sigma(sigma, r, order, s);
 	g = half_t + a * s[0];
 	closed = closed & (g >= REAL(0.5f));
@@ -118,7 +120,7 @@ static mask table_closed(__global const float *sigma, mask blend, real near,
 	out->gt = SELECT(out->gt, 0.5f * T1 * (1.0f - gn - s[1]), closed);
 	if (order < 2)
 		return closed;
-	c = s[2] / SELECT(REAL(1.0f), a, closed);
+	c = s[2] * inv_a;
 	gnf = -r * c;
 	gnn = r * r * c;
 	out->g11 = SELECT(out->g11, gnn, closed);
@@ -135,13 +137,12 @@ static mask table_closed(__global const float *sigma, mask blend, real near,
  * The six second derivatives of the active lanes, of nodes of the second part:
  * the first three are stored times d, gtt over e.
  */
-static inline void table_second(const real n[8], mask active, real d, real e,
-    struct opjet *out)
+static inline void table_second(const real n[8], mask active, real inv_d,
+    real e, struct opjet *out)
 {
-	d = 1.0f / d;
-	out->g11 = SELECT(out->g11, n[0] * d, active);
-	out->g12 = SELECT(out->g12, n[1] * d, active);
-	out->g22 = SELECT(out->g22, n[2] * d, active);
+	out->g11 = SELECT(out->g11, n[0] * inv_d, active);
+	out->g12 = SELECT(out->g12, n[1] * inv_d, active);
+	out->g22 = SELECT(out->g22, n[2] * inv_d, active);
 	out->g1t = SELECT(out->g1t, n[3], active);
 	out->g2t = SELECT(out->g2t, n[4], active);
 	out->gtt = SELECT(out->gtt, n[5] * e, active);
@@ -167,7 +168,8 @@ static void table_cells(TABLE_ARGS, __global const struct operator_desc *desc,
 	float last = (float)(desc->resolution - 1u);
 	real sign = SELECT(REAL(1.0f), REAL(-1.0f), depth < 0.0f);
 	real d = sign * real_max(sign * depth, REAL(TABLE_DEPTH_MIN));
-	real x = 1.0f - sqrt(real_clamp((near - far) / d, REAL(0.0f),
+	real inv_d = lanes_inverse(d);
+	real x = 1.0f - sqrt(real_clamp((near - far) * inv_d, REAL(0.0f),
 	    REAL(1.0f)));
 	real y = table_coordinate(SELECT(near, 1.0f - near, near > 0.5f));
 	real z = 1.0f - sqrt(1.0f - T), n[16], part, e = near;
@@ -189,7 +191,7 @@ static void table_cells(TABLE_ARGS, __global const struct operator_desc *desc,
 	out->g2 = SELECT(out->g2, n[2] + part * (n[6] - n[2]), active);
 	out->gt = SELECT(out->gt, e * (n[3] + part * (n[7] - n[3])), active);
 	if (order > 1)
-		table_second(n + 8, active, d, e, out);
+		table_second(n + 8, active, inv_d, e, out);
 }
 
 /* Where g is not its near field, and what the tests for that have found. */

@@ -67,6 +67,24 @@ static inline struct jetr warp_coordinate(real value, real x, real y, real z)
 	return f;
 }
 
+#define WARP_TURN 6.28318548f
+#define WARP_TURN_REST -1.74845553e-7f
+
+/*
+ * An angle less whole turns, in two parts (Cody and Waite 1980): to 1e-7 up to
+ * 1e6 turns, beyond which float32 has no angles, and within half a turn and a
+ * little whatever it was. PoCL's sine and cosine take another path for all
+ * lanes where one's angle is over 125.
+ */
+static inline real warp_angle(real q)
+{
+	real turns = rint(q * (1.0f / WARP_TURN));
+
+	q = fma(-turns, REAL(WARP_TURN), q);
+	q = fma(-turns, REAL(WARP_TURN_REST), q);
+	return real_clamp(q, REAL(-3.2f), REAL(3.2f));
+}
+
 /* By -q about the axis, q(Z): X' = X cos q + Y sin q, Y' = Y cos q - X sin q,
  * so that X'_q = Y' and Y'_q = -X'. */
 static void warp_twist(__global const float *p, struct vec3r x,
@@ -74,7 +92,7 @@ static void warp_twist(__global const float *p, struct vec3r x,
 {
 	real zero = REAL(0.0f), one = REAL(1.0f);
 	struct curver s = warp_hold(x.z, p[10]);
-	real q = p[11] + p[9] * s.value, c = cos(q), d = sin(q);
+	real q = warp_angle(p[11] + p[9] * s.value), c = cos(q), d = sin(q);
 	real q1 = p[9] * s.slope, q2 = p[9] * s.bend;
 	real xx = c * x.x + d * x.y, yy = c * x.y - d * x.x;
 

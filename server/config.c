@@ -1,5 +1,6 @@
 #include "server/config.h"
 
+#include <assert.h>
 #include <ctype.h>
 #include <errno.h>
 #include <stdint.h>
@@ -8,6 +9,7 @@
 #include <string.h>
 
 #include "core/table.h"
+#include "kernels/cache_file.h"
 
 struct option {
 	const char *name;
@@ -165,6 +167,10 @@ static bool read_volume_memory(const char *value, struct config *config,
 {
 	return read_size(value, &config->device.volume_bytes, why);
 }
+
+/* The device has room for the same. */
+static_assert(sizeof ((struct config *)0)->cache == CACHE_FOLDER_MAX,
+    "one size for the cache's name");
 
 static bool read_cache(const char *value, struct config *config,
     const char **why)

@@ -8,6 +8,7 @@
 #include <stddef.h>
 
 #include "core/operator.h"
+#include "kernels/cache_file.h"
 #include "kernels/device.h"
 #include "server/log.h"
 
@@ -22,7 +23,7 @@ struct config {
 	size_t queue;             /* evaluations waiting at most */
 	struct device_options device; /* select points into argv, cache to
 	                               * the member below */
-	char cache[1024];         /* a folder; "": nothing is kept */
+	char cache[CACHE_FOLDER_MAX]; /* a folder; "": nothing is kept */
 	size_t cache_size;        /* bytes of what is kept there */
 	bool fill_cache;          /* with the device's kernels, and nothing else */
 	enum table_layout layout; /* for operators that do not say */

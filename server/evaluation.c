@@ -1,5 +1,6 @@
 #include "server/evaluation.h"
 
+#include <assert.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,6 +15,9 @@
 #include "server/program.h"
 #include "server/scheduler.h"
 #include "server/server.h"
+
+static_assert(EVALUATION_SMALL_POINTS == SCHEDULER_SMALL_POINTS,
+    "what is interactive by its size is small to the scheduler");
 
 void evaluation_reply_faults(struct exchange *x, enum err err,
     const struct faults *faults)
@@ -75,10 +79,11 @@ static void let_go(struct evaluation *e)
 {
 	if (atomic_fetch_sub(&e->holders, 1) != 1)
 		return;
-	scheduler_release(e->server->scheduler, e->job.program);
 	evaluation_answer_fini(e);
 	points_fini(&e->points);
 	free(e->job.rows);
+	scheduler_return(e->server->scheduler, &e->job);
+	scheduler_release(e->server->scheduler, e->job.program);
 	pthread_mutex_destroy(&e->lock);
 	free(e);
 }
@@ -162,7 +167,7 @@ static bool has_room(void *ctx)
 	bool has;
 
 	pthread_mutex_lock(&e->lock);
-	has = e->x == NULL || e->held < PIECES_HELD;
+	has = e->x == NULL || e->held < SCHEDULER_PIECES;
 	pthread_mutex_unlock(&e->lock);
 	return has;
 }
@@ -174,10 +179,6 @@ static void done(void *ctx)
 	points_fini(&e->points);
 	e->finished = clock_seconds();
 	pthread_mutex_lock(&e->lock);
-	if (e->in_pieces && e->job.rows != NULL) {
-		hold_piece(e, e->job.rows, e->job.count);
-		e->job.rows = NULL;
-	}
 	e->is_draft = e->job.is_draft;
 	e->is_done = true;
 	wake(e);
@@ -191,7 +192,8 @@ static void reply_refusal(struct exchange *x, enum err err)
 {
 	if (err == ERR_BUSY)
 		exchange_reply_problem(x, PROBLEM_QUEUE_FULL, NULL,
-		    "Too many evaluations are waiting; try again soon.");
+		    "Too many evaluations are waiting, or too much of their "
+		    "answers has not been read yet; try again soon.");
 	else if (err == ERR_MEMORY)
 		exchange_reply_problem(x, PROBLEM_MEMORY, NULL,
 		    "There was no memory for the evaluation.");
@@ -217,6 +219,15 @@ static bool is_large(size_t count, unsigned outputs)
 {
 	return count > EVALUATION_SMALL_POINTS && count * sizeof(float) *
 	    (size_t)output_row_floats(outputs) > EVALUATION_SMALL_BYTES;
+}
+
+/* Bytes of the answer beside its rows: a text that leaves whole. */
+static size_t text_bytes(const struct evaluation *e, size_t count,
+    unsigned outputs)
+{
+	if (e->is_large || e->accept != MEDIA_JSON)
+		return 0;
+	return count * (size_t)output_row_floats(outputs) * NUMBER_BYTES;
 }
 
 static struct evaluation *create(struct exchange *x,
@@ -255,6 +266,7 @@ static struct evaluation *create(struct exchange *x,
 		.done = done,
 		.wanted = wanted,
 		.ctx = e,
+		.text = text_bytes(e, count, request->outputs),
 	};
 	return e;
 }

@@ -12,9 +12,6 @@
 #include "server/scheduler.h"
 #include "server/server.h"
 
-/* Bytes of JSON that a number takes, about: for the time an answer may take. */
-#define NUMBER_BYTES 12
-
 static size_t row_bytes(const struct evaluation *e)
 {
 	return (size_t)output_row_floats(e->job.outputs) * sizeof(float);
@@ -34,7 +31,8 @@ static bool is_wished(const struct evaluation *e)
 	    (e->job.result == ERR_CANCELLED && !exchange_is_connected(e->x));
 }
 
-/* The end of what e has, for the client to see that it is none. */
+/* The end of what e has, for the client to see that it is none. Where there was
+ * no overrun the job is done, so that its result may be read. Locked. */
 static ptrdiff_t cut(const struct evaluation *e)
 {
 	if (e->overrun)
@@ -186,9 +184,12 @@ static enum err print_json(struct exchange *x, struct evaluation *e,
 	enum err err = answer_json(e->job.rows, e->job.count, e->job.outputs,
 	    flags, &text, &length);
 
-	if (err == ERR_OK)
-		exchange_reply_data(x, 200, MEDIA_JSON, text, length);
-	return err;
+	if (err != ERR_OK)
+		return err;
+	free(e->job.rows);
+	e->job.rows = NULL;
+	exchange_reply_data(x, 200, MEDIA_JSON, text, length);
+	return ERR_OK;
 }
 
 static void reply_json(struct exchange *x, struct evaluation *e)

@@ -26,10 +26,12 @@ struct answer_stream;
 struct exchange;
 struct server;
 
-/* Pieces held at most before the device has to wait; and room for those that
- * are handed over all the same. */
-#define PIECES_HELD 2
-#define PIECES_ROOM 4
+/* Room for pieces: of SCHEDULER_PIECES, and of one that is handed over all the
+ * same. */
+#define PIECES_ROOM (SCHEDULER_PIECES + 1)
+
+/* Bytes of JSON that a number takes, about. */
+#define NUMBER_BYTES 12
 
 struct piece {
 	float *rows;

@@ -16,10 +16,6 @@
 #include "server/http.h"
 #include "server/server.h"
 
-/* What is read of a streamed answer at a time: large enough for few system
- * calls, small enough to stay in a core's cache on its way. */
-#define STREAM_BLOCK ((size_t)128 << 10)
-
 /* ---- the request ---- */
 
 struct lookup {
@@ -282,9 +278,8 @@ static void end_pause(struct exchange *x)
 {
 	if (x->paused == 0.0)
 		return;
-	x->deadline += clock_seconds() - x->paused;
+	x->sending += clock_seconds() - x->paused;
 	x->paused = 0.0;
-	http_set_deadline(x, x->deadline);
 }
 
 static ssize_t read_stream(void *ctx, uint64_t at, char *out, size_t size)
@@ -293,6 +288,7 @@ static ssize_t read_stream(void *ctx, uint64_t at, char *out, size_t size)
 	ptrdiff_t n;
 
 	end_pause(x);
+	http_note_progress(x, (size_t)at);
 	n = x->stream.read(x->stream.ctx, out, size);
 	x->answer_length = (size_t)at + (n > 0 ? (size_t)n : 0);
 	return n == EXCHANGE_END ? MHD_CONTENT_READER_END_OF_STREAM :
@@ -305,7 +301,7 @@ void exchange_reply_stream(struct exchange *x, enum media_type type,
 	x->stream = *stream;
 	reply(x, MHD_HTTP_OK, MHD_create_response_from_callback(
 	    stream->has_length ? stream->length : MHD_SIZE_UNKNOWN,
-	    STREAM_BLOCK, read_stream, x, NULL), stream->length);
+	    HTTP_STREAM_BLOCK, read_stream, x, NULL), stream->length);
 	exchange_add_header(x, "Content-Type", media_name(type));
 }
 

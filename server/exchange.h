@@ -92,7 +92,8 @@ struct exchange {
 	size_t body_seen;    /* bytes that have arrived */
 	struct exchange_stream stream;
 	double begun;        /* when the request line came, clock_seconds */
-	double deadline;     /* of the answer */
+	double sending;      /* since when the answer leaves, clock_seconds,
+	                      * later by all pauses */
 	double paused;       /* when exchange_pause was called, or 0 */
 	char target[EXCHANGE_TARGET_MAX]; /* path and query as sent, for the log */
 	size_t target_length;             /* uncut */

@@ -107,6 +107,9 @@ static void add_queue(cJSON *json, const struct scheduler_stats *stats)
 	cJSON_AddNumberToObject(queue, "interactive_s",
 	    stats->seconds[JOB_INTERACTIVE]);
 	cJSON_AddNumberToObject(queue, "bulk_s", stats->seconds[JOB_BULK]);
+	cJSON_AddNumberToObject(queue, "stalled", (double)stats->stalled);
+	cJSON_AddNumberToObject(queue, "held_bytes",
+	    (double)stats->held_bytes);
 }
 
 static void add_volumes(cJSON *json, const struct server *server)

@@ -53,6 +53,8 @@ struct connection {
 	struct connection *next, **link;
 	int socket;
 	double deadline;
+	double progress; /* when the client last took some of an answer that
+	                  * leaves as it is made; 0: there is none */
 	bool arriving; /* a request is waited for, or the rest of one */
 	bool is_over;  /* ... but its end had come when http_reap last looked */
 };
@@ -83,6 +85,7 @@ static void connection_open(struct http *h, struct MHD_Connection *connection,
 		return;
 	c->socket = info->connect_fd;
 	c->deadline = clock_seconds() + DEADLINE_SECONDS;
+	c->progress = 0.0;
 	c->arriving = true;
 	c->is_over = false;
 	pthread_mutex_lock(&h->lock);
@@ -115,17 +118,24 @@ static void on_connection(void *ctx, struct MHD_Connection *connection,
 		connection_close(ctx, *socket_context);
 }
 
-static void set_deadline(struct http *h, struct MHD_Connection *connection,
-    double when, bool arriving)
+static struct connection *find_connection(struct MHD_Connection *connection)
 {
 	const union MHD_ConnectionInfo *info = MHD_get_connection_info(
 	    connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT);
-	struct connection *c = info != NULL ? info->socket_context : NULL;
+
+	return info != NULL ? info->socket_context : NULL;
+}
+
+static void set_deadline(struct http *h, struct MHD_Connection *connection,
+    double when, bool arriving)
+{
+	struct connection *c = find_connection(connection);
 
 	if (c == NULL)
 		return;
 	pthread_mutex_lock(&h->lock);
 	c->deadline = when;
+	c->progress = 0.0;
 	c->arriving = arriving;
 	c->is_over = false;
 	pthread_mutex_unlock(&h->lock);
@@ -142,6 +152,22 @@ static double deadline_for(size_t bytes)
 {
 	return clock_seconds() + DEADLINE_SECONDS +
 	    (double)bytes / LEAST_BYTES_PER_SECOND;
+}
+
+void http_note_progress(struct exchange *x, size_t taken)
+{
+	struct connection *c = find_connection(x->connection);
+	struct http *h = x->server->http;
+	double next = deadline_for(HTTP_STREAM_BLOCK);
+	double all = x->sending + DEADLINE_SECONDS +
+	    (double)taken / LEAST_BYTES_PER_SECOND;
+
+	if (c == NULL)
+		return;
+	pthread_mutex_lock(&h->lock);
+	c->deadline = next < all ? next : all;
+	c->progress = clock_seconds();
+	pthread_mutex_unlock(&h->lock);
 }
 
 /*
@@ -170,6 +196,20 @@ void http_reap(struct http *h)
 			shutdown(c->socket, SHUT_RDWR);
 			c->deadline = HTTP_NO_DEADLINE;
 			c->arriving = false;
+		}
+	}
+	pthread_mutex_unlock(&h->lock);
+}
+
+void http_cut_stalled(struct http *h, double seconds)
+{
+	double now = clock_seconds();
+
+	pthread_mutex_lock(&h->lock);
+	for (struct connection *c = h->connections; c != NULL; c = c->next) {
+		if (c->progress > 0.0 && now - c->progress > seconds) {
+			shutdown(c->socket, SHUT_RDWR);
+			c->progress = 0.0;
 		}
 	}
 	pthread_mutex_unlock(&h->lock);
@@ -283,8 +323,9 @@ static enum MHD_Result send_answer(struct exchange *x)
 	owe(x);
 	if (atomic_load(&x->server->draining))
 		exchange_add_header(x, "Connection", "close");
-	x->deadline = deadline_for(x->answer_length);
-	http_set_deadline(x, x->deadline);
+	x->sending = clock_seconds();
+	http_set_deadline(x, deadline_for(x->stream.read != NULL ? 0 :
+	    x->answer_length));
 	result = MHD_queue_response(x->connection, x->status, x->response);
 	MHD_destroy_response(x->response);
 	x->response = NULL;

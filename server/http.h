@@ -16,6 +16,10 @@ struct server;
 #define HTTP_URL_MAX 300
 #define HTTP_NO_DEADLINE 1e300
 
+/* What is read at a time of an answer that leaves as it is made: large enough
+ * for few system calls, small enough to stay in a core's cache on its way. */
+#define HTTP_STREAM_BLOCK ((size_t)128 << 10)
+
 /*
  * Listens as server->config says, as server->http, for http_stop; nothing is
  * answered yet. url gets "http://HOST:PORT" with the real port. ERR_IO (the
@@ -38,6 +42,10 @@ size_t http_active(struct http *h);
  * middle of a request. Call about once a second. */
 void http_reap(struct http *h);
 
+/* Shuts connections whose answers leave as they are made, but of which the
+ * client has taken nothing for so many seconds. */
+void http_cut_stalled(struct http *h, double seconds);
+
 /* Closes everything. No exchange may be waiting. NULL does nothing. */
 void http_stop(struct http *h);
 
@@ -46,6 +54,13 @@ void http_stop(struct http *h);
  * is shut if the answer has not left by then.
  */
 void http_set_deadline(struct exchange *x, double when);
+
+/*
+ * Of an answer that leaves as it is made, so many bytes have been taken. It has
+ * 60 s, and a second for every 16 KiB of what has been taken, since x->sending;
+ * and 68 s for the next 128 KiB.
+ */
+void http_note_progress(struct exchange *x, size_t taken);
 
 /* Accounts for body memory; false when all bodies together are too much. */
 bool http_take_bytes(struct http *h, size_t bytes);

@@ -2,23 +2,22 @@
  * The daemon: starts its parts, waits for a signal, drains and stops them.
  */
 #include <errno.h>
+#include <malloc.h>
 #include <poll.h>
 #include <pthread.h>
 #include <signal.h>
-#include <spawn.h>
 #include <stdint.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
 #include <sys/resource.h>
 #include <sys/signalfd.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "kernels/cache_file.h"
 #include "server/clock.h"
 #include "server/config.h"
+#include "server/filler.h"
 #include "server/http.h"
 #include "server/log.h"
 #include "server/orders.h"
@@ -31,6 +30,10 @@
 
 /* How long a drain may take before what is left is given up. */
 #define DRAIN_SECONDS 60.0
+
+/* ... and before a client that takes nothing of its answer is cut off: others
+ * wait for the end. */
+#define STALL_SECONDS 10.0
 
 /* ... and, once every answer is out, before requests still arriving are. */
 #define LINGER_SECONDS 5.0
@@ -60,9 +63,7 @@ struct daemon {
 	struct server server;
 	struct ears ears;
 	struct table_cache *cache; /* or NULL */
-	char **argv;
-	bool has_filled;           /* the cache with kernels, or has begun to */
-	pid_t filler;              /* the process that does; 0: none */
+	struct filler filler;
 };
 
 static void on_tables_changed(void *ctx)
@@ -142,57 +143,16 @@ static int fill_cache(const struct config *config)
 	return err == ERR_OK ? 0 : 1;
 }
 
-/* Starts this program once more, told to fill the cache. */
-static void start_filler(struct daemon *d)
-{
-	static char option[] = "--fill-cache";
-	posix_spawnattr_t attributes;
-	char **argv;
-	sigset_t none;
-	int count = 0;
-
-	while (d->argv[count] != NULL)
-		count++;
-	argv = calloc((size_t)count + 2, sizeof *argv);
-	if (argv == NULL)
-		return;
-	memcpy(argv, d->argv, (size_t)count * sizeof *argv);
-	argv[count] = option;
-	sigemptyset(&none);
-	posix_spawnattr_init(&attributes);
-	posix_spawnattr_setsigmask(&attributes, &none);
-	posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK);
-	if (posix_spawn(&d->filler, "/proc/self/exe", NULL, &attributes, argv,
-	    environ) != 0)
-		d->filler = 0;
-	posix_spawnattr_destroy(&attributes);
-	free(argv);
-}
-
 /* Has the cache filled with what the device has not found there. */
 static void tend_filler(struct daemon *d)
 {
 	struct scheduler_stats stats;
 
-	if (d->filler > 0 && waitpid(d->filler, NULL, WNOHANG) == d->filler)
-		d->filler = 0;
-	if (d->has_filled || d->server.config->device.cache == NULL ||
-	    clock_seconds() - d->server.started < FILL_AFTER_SECONDS)
+	if (clock_seconds() - d->server.started < FILL_AFTER_SECONDS)
 		return;
 	scheduler_get_stats(d->server.scheduler, &stats);
-	if (!stats.ready)
-		return;
-	d->has_filled = true;
-	if (!stats.device.is_cached)
-		start_filler(d);
-}
-
-static void stop_filler(struct daemon *d)
-{
-	if (d->filler <= 0)
-		return;
-	kill(d->filler, SIGKILL);
-	waitpid(d->filler, NULL, 0);
+	if (stats.ready)
+		filler_tend(&d->filler, &stats.device);
 }
 
 /* ---- signals ---- */
@@ -282,6 +242,8 @@ static void drain(struct server *server, const struct ears *ears)
 		bool told = listen_for(ears, 20) == TOLD_TO_STOP;
 
 		seconds = clock_seconds() - begin;
+		if (seconds > STALL_SECONDS)
+			http_cut_stalled(server->http, STALL_SECONDS);
 		if (told && seconds > PATIENCE_SECONDS) {
 			log_write(LOG_WARNING, "second signal: giving up");
 			_exit(1);
@@ -379,7 +341,8 @@ static void stop(struct server *server)
 
 static int run(const struct config *config, char **argv)
 {
-	struct daemon d = {.server = {.config = config}, .argv = argv};
+	struct daemon d = {.server = {.config = config},
+	    .filler = {.argv = argv, .cache = config->device.cache}};
 	char url[HTTP_URL_MAX];
 	int status = 1;
 	enum err err = ERR_IO;
@@ -391,11 +354,11 @@ static int run(const struct config *config, char **argv)
 		printf("blobfieldd listening on %s\n", url);
 		fflush(stdout);
 		status = serve(&d) == TOLD_TO_STOP ? 0 : 1;
+		filler_stop(&d.filler);
 		drain(&d.server, &d.ears);
 	} else {
 		log_write(LOG_ERROR, "cannot start: %s", err_message(err));
 	}
-	stop_filler(&d);
 	stop(&d.server);
 	table_cache_free(d.cache);
 	log_write(LOG_INFO, "stopped");
@@ -424,10 +387,23 @@ static int list_devices(void)
 	return err == ERR_OK ? 0 : 1;
 }
 
+/*
+ * Bodies, points and rows are of any size and come and go: what is large is to
+ * go back to the system when it is freed, not to raise the bounds from which on
+ * it would, and threads are not to keep an arena each.
+ */
+static void set_up_memory(void)
+{
+	mallopt(M_MMAP_THRESHOLD, 1 << 20);
+	mallopt(M_TRIM_THRESHOLD, 4 << 20);
+	mallopt(M_ARENA_MAX, 2);
+}
+
 int main(int argc, char **argv)
 {
 	struct config config;
 
+	set_up_memory();
 	switch (config_parse(argc, argv, &config)) {
 	case CONFIG_DONE:
 		return 0;

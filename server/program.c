@@ -124,12 +124,13 @@ static enum err share_tables(struct tables *tables, struct program *program,
 	return err;
 }
 
-/* Of an opening that depends on the angle samples are uploaded; one that
- * operators share is counted for each, which is more than it takes. */
+/* Instructions are there once more, with boxes, and boxes again in an index,
+ * for culling. Of an opening that depends on the angle samples are uploaded; one
+ * that operators share is counted for each, which is more than it takes. */
 static size_t count_bytes(const struct tape *tape)
 {
-	size_t bytes = tape->insn_count * sizeof(struct insn) +
-	    tape->param_count * sizeof(float);
+	size_t bytes = tape->insn_count * (2 * sizeof(struct insn) +
+	    2 * sizeof(struct tape_box)) + tape->param_count * sizeof(float);
 
 	for (size_t i = 0; i < tape->operator_count; i++) {
 		bytes += sizeof(struct operator_desc);

@@ -14,6 +14,7 @@
 
 #include "core/err.h"
 #include "server/job_list.h"
+#include "server/pace.h"
 
 /* Derivative orders of the root: 0 to 2. */
 #define PROGRAM_ORDERS 3
@@ -40,7 +41,7 @@ struct program {
 	struct program *newer, *older; /* loaded ones, by last use */
 	struct job_list jobs;          /* interactive ones that wait, by turn */
 	struct program *turn_prev, *turn_next; /* others with such */
-	double pace[PROGRAM_ORDERS];   /* seconds a point; 0: not known */
+	struct pace pace[PROGRAM_ORDERS];
 };
 
 /*

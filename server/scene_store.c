@@ -30,7 +30,8 @@ static void scene_free(struct scene *scene)
 
 static size_t tape_bytes(const struct tape *tape)
 {
-	return sizeof *tape + tape->insn_count * sizeof *tape->insns +
+	return sizeof *tape + tape->insn_count *
+	    (sizeof *tape->insns + sizeof *tape->boxes) +
 	    tape->param_count * sizeof *tape->params +
 	    tape->operator_count * sizeof *tape->operators;
 }

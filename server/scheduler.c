@@ -15,9 +15,19 @@
 #include "server/log.h"
 #include "server/program.h"
 
-/* Points and rows of all jobs in hand: more is refused as a full queue, since
- * memory that does not exist ends the process. */
+/* Points and answers of all jobs in hand: more is refused as a full queue,
+ * since memory that does not exist ends the process. And what small jobs have
+ * beyond it. */
 #define QUEUE_BYTES_MAX ((size_t)1 << 30)
+#define SMALL_BYTES_MAX ((size_t)256 << 20)
+
+/* A small job takes at most one part in so many of the room that is left, so
+ * that the smallest ones pass for longest. 65,536 points with all outputs as
+ * JSON need 20 MiB. */
+#define SMALL_PART 8
+
+/* One place in so many is kept for small jobs. */
+#define SMALL_PLACES 4
 
 /* Seconds between looks at which waiting clients are gone, at most. */
 #define SWEEP_MOST 0.5
@@ -214,31 +224,53 @@ enum err scheduler_create(const struct scheduler_options *options,
 	return ERR_OK;
 }
 
-/* Why a job of so many bytes is refused. Locked. */
-static enum err refuse(const struct scheduler *s, size_t bytes)
+/* Whether there is a place for one more. Locked. */
+static bool has_place(const struct scheduler *s, bool is_small)
 {
-	/* One that runs keeps none from waiting. */
-	size_t jobs = s->stats.waiting + s->stats.running;
+	size_t places = s->options.queue;
+	size_t running = s->stats.running - s->stats.stalled;
 
+	if (!is_small)
+		places -= places / SMALL_PLACES;
+	/* One that runs keeps none from waiting. */
+	if (running > 0)
+		running--;
+	return s->stats.waiting + running < places;
+}
+
+/* Whether there is room for so many bytes more. Locked. */
+static bool has_bytes(const struct scheduler *s, bool is_small, size_t bytes)
+{
+	size_t large = s->bytes[false], small = s->bytes[true];
+
+	if (!is_small)
+		return large == 0 || large + small + bytes <= QUEUE_BYTES_MAX;
+	if (large > QUEUE_BYTES_MAX)
+		large = QUEUE_BYTES_MAX;
+	return large + small + SMALL_PART * bytes <=
+	    QUEUE_BYTES_MAX + SMALL_BYTES_MAX;
+}
+
+/* Why a job of so many bytes is refused. Locked. */
+static enum err refuse(const struct scheduler *s, bool is_small, size_t bytes)
+{
 	if (s->draining)
 		return ERR_CANCELLED;
-	if (s->stats.running > 0)
-		jobs--;
-	if (jobs >= s->options.queue || (s->bytes > 0 &&
-	    s->bytes + bytes > QUEUE_BYTES_MAX))
-		return ERR_BUSY;
-	return ERR_OK;
+	return has_place(s, is_small) && has_bytes(s, is_small, bytes) ?
+	    ERR_OK : ERR_BUSY;
 }
 
 enum err scheduler_submit(struct scheduler *s, struct job *job)
 {
-	size_t bytes = scheduler_queue_bytes(job);
+	bool is_small = scheduler_queue_is_small(job);
+	size_t held = scheduler_queue_answer_bytes(job);
+	size_t bytes = scheduler_queue_points_bytes(job) + held;
 	enum err err = scheduler_tables_init_choice(job);
 
 	if (err != ERR_OK)
 		return err;
 	pthread_mutex_lock(&s->lock);
-	err = refuse(s, bytes);
+	err = refuse(s, is_small, bytes);
 	if (err == ERR_OK) {
 		if (job->choice.count > 0)
 			tables_choose(s->options.tables, &job->choice);
@@ -246,7 +278,8 @@ enum err scheduler_submit(struct scheduler *s, struct job *job)
 		job->next = NULL;
 		*s->inbox_last = job;
 		s->inbox_last = &job->next;
-		s->bytes += bytes;
+		s->bytes[is_small] += bytes;
+		job->held = held;
 		s->stats.waiting++;
 		job->park(job->ctx);
 		unlock_and_wake(s);
@@ -255,6 +288,16 @@ enum err scheduler_submit(struct scheduler *s, struct job *job)
 	pthread_mutex_unlock(&s->lock);
 	scheduler_tables_free_choice(job);
 	return err;
+}
+
+void scheduler_return(struct scheduler *s, struct job *job)
+{
+	if (job->held == 0)
+		return;
+	pthread_mutex_lock(&s->lock);
+	s->bytes[scheduler_queue_is_small(job)] -= job->held;
+	pthread_mutex_unlock(&s->lock);
+	job->held = 0;
 }
 
 void scheduler_release(struct scheduler *s, struct program *program)
@@ -333,5 +376,6 @@ void scheduler_get_stats(struct scheduler *s, struct scheduler_stats *out)
 {
 	pthread_mutex_lock(&s->lock);
 	*out = s->stats;
+	out->held_bytes = s->bytes[false] + s->bytes[true];
 	pthread_mutex_unlock(&s->lock);
 }

@@ -10,7 +10,15 @@
  * launch. What is larger is cut into pieces of some milliseconds. Programs with
  * interactive jobs take turns, one launch each; so do bulk jobs, one piece
  * each, when no interactive job can go on. While bulk jobs could, at least one
- * part in SCHEDULER_BULK_SHARE of the device's time is theirs.
+ * part in SCHEDULER_BULK_SHARE of the device's time is theirs. Turns are jobs',
+ * not clients': one client's N bulk jobs have N of them.
+ *
+ * Bounds: jobs that wait, or that have begun and could go on, are options.queue
+ * at most, not counting one that runs. One whose client has no room for rows is
+ * stalled and takes no place. The points of all jobs, until done(), and their
+ * answers, until scheduler_return(), are 1 GiB at most; but a large job alone
+ * always may. Interactive jobs of up to SCHEDULER_SMALL_POINTS are small: the
+ * last quarter of the places is theirs alone, and 256 MiB more.
  *
  * A job whose operator tables are not resident waits for them while later ones,
  * whose are, go ahead; the one that was served longest ago has its tables
@@ -43,6 +51,14 @@ enum job_priority {
  * keep coming: one part in so many. */
 #define SCHEDULER_BULK_SHARE 5
 
+/* Interactive jobs of up to so many points are small. */
+#define SCHEDULER_SMALL_POINTS 65536
+
+/* Rows of a piece at most, in bytes; and how many pieces there may be at a
+ * time: has_room() is to say no where a submitter has all of them. */
+#define SCHEDULER_PIECE_BYTES ((size_t)2 << 20)
+#define SCHEDULER_PIECES 3
+
 /* One evaluation. Zeroed by the caller, then: */
 struct job {
 	/* set before scheduler_submit */
@@ -68,6 +84,7 @@ struct job {
 	bool (*wanted)(void *ctx); /* device thread: is anybody still waiting?
 	                            * Asked before each launch, and often. */
 	void *ctx;
+	size_t text;             /* bytes of its answer beside the rows */
 	/* set before done() */
 	enum err result;
 	char message[256];       /* of a failure, for a person; or "" */
@@ -80,6 +97,7 @@ struct job {
 	struct scheduler *scheduler;
 	struct table_choice choice; /* of the program's tables and drafts */
 	struct job_link links[JOB_ORDER_COUNT];
+	size_t held;             /* bytes of its answer, for scheduler_return */
 	size_t finished;         /* of count */
 	bool is_begun;           /* counted as running */
 	bool is_stalled;         /* has_room() said no */
@@ -102,6 +120,8 @@ struct scheduler_stats {
 	bool ready;
 	size_t waiting;          /* jobs not begun */
 	size_t running;          /* jobs begun: between their pieces, too */
+	size_t stalled;          /* those of them whose clients have no room */
+	size_t held_bytes;       /* of points and answers */
 	/* since the start: */
 	unsigned long completed; /* jobs done, failed ones too */
 	unsigned long points;    /* evaluated */
@@ -119,10 +139,17 @@ enum err scheduler_create(const struct scheduler_options *options,
     struct scheduler **out);
 
 /*
- * Queues job. ERR_BUSY: the queue is full; ERR_CANCELLED: draining;
- * ERR_MEMORY. Either way nothing of job's has been called.
+ * Queues job. ERR_BUSY: the queue is full, or there is no room for its points
+ * and its answer; ERR_CANCELLED: draining; ERR_MEMORY. Either way nothing of
+ * job's has been called.
  */
 enum err scheduler_submit(struct scheduler *s, struct job *job);
+
+/*
+ * The answer of job, which has been completed, has left: its rows are freed.
+ * Any thread. Does nothing the second time, nor where job was refused.
+ */
+void scheduler_return(struct scheduler *s, struct job *job);
 
 /* A job whose has_room() said no has room again; any thread. */
 void scheduler_continue(struct scheduler *s);
@@ -141,7 +168,7 @@ bool scheduler_is_idle(struct scheduler *s);
 
 /*
  * Completes what is left with ERR_CANCELLED, closes the device and ends its
- * thread. scheduler_release remains valid.
+ * thread. scheduler_release and scheduler_return remain valid.
  */
 void scheduler_stop(struct scheduler *s);
 

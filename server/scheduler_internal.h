@@ -31,7 +31,7 @@ struct scheduler {
 	pthread_cond_t wake;  /* the device thread: events has changed */
 	unsigned long events; /* counts what the device thread should look at */
 	struct job *inbox, **inbox_last; /* submitted, not looked at yet */
-	size_t bytes;         /* of all jobs not completed */
+	size_t bytes[2];      /* of points and answers; [true]: of small jobs */
 	struct program *dead;
 	bool tables_changed;
 	bool continued;       /* jobs may have room again */
@@ -75,8 +75,13 @@ struct scheduler {
 
 void scheduler_queue_init(struct scheduler *s);
 
-/* Bytes that count while job is not completed. */
-size_t scheduler_queue_bytes(const struct job *job);
+/* Whether job is one that places and bytes are kept for. Any thread. */
+bool scheduler_queue_is_small(const struct job *job);
+
+/* Bytes that count while job is not completed, and, the most that they may be,
+ * while its answer has not left. Any thread. */
+size_t scheduler_queue_points_bytes(const struct job *job);
+size_t scheduler_queue_answer_bytes(const struct job *job);
 
 /* Takes in what other threads have left. */
 void scheduler_queue_gather(struct scheduler *s);
@@ -88,7 +93,8 @@ void scheduler_queue_add(struct scheduler *s, struct job *job);
 void scheduler_queue_take(struct scheduler *s, struct job *const *jobs,
     size_t count);
 
-/* Has job, which lies in the queue, wait for scheduler_continue. */
+/* Has job, which lies in the queue, wait for scheduler_continue: it takes no
+ * place there meanwhile. */
 void scheduler_queue_stall(struct scheduler *s, struct job *job);
 
 /* Has the next program's turn come. */

@@ -94,13 +94,24 @@ void scheduler_queue_init(struct scheduler *s)
 	s->interactive_at = -INFINITY;
 }
 
-size_t scheduler_queue_bytes(const struct job *job)
+bool scheduler_queue_is_small(const struct job *job)
 {
-	size_t floats = 3;
+	return job->priority == JOB_INTERACTIVE &&
+	    job->count <= SCHEDULER_SMALL_POINTS;
+}
 
-	if (job->piece == NULL)
-		floats += (size_t)output_row_floats(job->outputs);
-	return job->count * sizeof(float) * floats;
+size_t scheduler_queue_points_bytes(const struct job *job)
+{
+	return job->count * sizeof(float) * 3;
+}
+
+size_t scheduler_queue_answer_bytes(const struct job *job)
+{
+	size_t rows = job->count * sizeof(float) *
+	    (size_t)output_row_floats(job->outputs);
+	size_t most = SCHEDULER_PIECES * SCHEDULER_PIECE_BYTES;
+
+	return job->text + (job->piece != NULL && rows > most ? most : rows);
 }
 
 void scheduler_queue_add(struct scheduler *s, struct job *job)
@@ -127,22 +138,36 @@ static bool is_queued(const struct scheduler *s, const struct job *job)
 	return job->links[JOB_BY_AGE].prev != NULL || s->waiting.first == job;
 }
 
-void scheduler_queue_stall(struct scheduler *s, struct job *job)
+/* Has job lie in the list of those that are stalled, or of those that are not.
+ * Who has not begun keeps its place among those that wait. */
+static void set_stalled(struct scheduler *s, struct job *job, bool is_stalled)
 {
 	remove_turn(s, job);
-	job->is_stalled = true;
+	job->is_stalled = is_stalled;
 	add_turn(s, job);
+	if (!job->is_begun)
+		return;
+	pthread_mutex_lock(&s->lock);
+	s->stats.stalled += is_stalled ? 1 : (size_t)-1;
+	pthread_mutex_unlock(&s->lock);
+}
+
+void scheduler_queue_stall(struct scheduler *s, struct job *job)
+{
+	set_stalled(s, job, true);
 	scheduler_tables_forget(s, job);
 }
 
+/* Those that still have no room stay where they are: were they to leave for a
+ * moment, they would take places for it. */
 static void end_stalls(struct scheduler *s)
 {
-	struct job *job;
+	struct job *next;
 
-	while ((job = s->stalled.first) != NULL) {
-		remove_turn(s, job);
-		job->is_stalled = false;
-		add_turn(s, job);
+	for (struct job *job = s->stalled.first; job != NULL; job = next) {
+		next = job->links[JOB_BY_TURN].next;
+		if (job->has_room(job->ctx))
+			set_stalled(s, job, false);
 	}
 }
 
@@ -236,11 +261,13 @@ static void detach_all(struct scheduler *s, struct job *job)
 void scheduler_queue_finish(struct scheduler *s, struct job *const *jobs,
     size_t count)
 {
-	size_t bytes = 0, begun = 0;
+	size_t bytes[2] = {0, 0}, begun = 0, stalled = 0;
 
 	for (size_t i = 0; i < count; i++) {
-		bytes += scheduler_queue_bytes(jobs[i]);
+		bytes[scheduler_queue_is_small(jobs[i])] +=
+		    scheduler_queue_points_bytes(jobs[i]);
 		begun += jobs[i]->is_begun;
+		stalled += jobs[i]->is_begun && jobs[i]->is_stalled;
 		detach_all(s, jobs[i]);
 	}
 	pthread_mutex_lock(&s->lock);
@@ -250,7 +277,9 @@ void scheduler_queue_finish(struct scheduler *s, struct job *const *jobs,
 	for (size_t i = 0; i < count; i++)
 		jobs[i]->done(jobs[i]->ctx);
 	pthread_mutex_lock(&s->lock);
-	s->bytes -= bytes;
+	s->bytes[false] -= bytes[false];
+	s->bytes[true] -= bytes[true];
+	s->stats.stalled -= stalled;
 	s->stats.running -= begun;
 	s->stats.waiting -= count - begun;
 	pthread_mutex_unlock(&s->lock);

@@ -7,9 +7,10 @@
  * launches gives them a quarter of one in credit, and a piece is due when there
  * is enough for it: one part in five of the device's time is theirs.
  *
- * Pieces: as many points as take PIECE_SHORT at the program's pace, measured;
- * PIECE_LONG where no interactive job has come by lately, for the more points
- * are sorted together, the more of a long tape can be left out.
+ * Pieces: as many points as take PIECE_SHORT at the program's pace (server/
+ * pace.h), PIECE_LONG where no interactive job has come by lately; more where
+ * they hardly take longer, for the more points are sorted together, the more of
+ * a long tape can be left out.
  */
 #include "server/scheduler_internal.h"
 
@@ -22,30 +23,27 @@
 #include "core/tape.h"
 #include "server/clock.h"
 #include "server/log.h"
+#include "server/pace.h"
 #include "server/program.h"
 
 /* Seconds on the device: what an interactive job may have to wait for. A launch
  * costs 12 to 25 us, 0.4 % of it. */
 #define PIECE_SHORT 0.006
 #define PIECE_LONG 0.02
+#define PIECE_LONGEST 0.1
 
 /* Seconds since the last interactive job, after which none is expected. */
 #define QUIET 1.0
 
-/* Points of a piece: the most, and what it is a multiple of if it can. */
-#define PIECE_POINTS ((size_t)1 << 20)
-#define PIECE_COARSE ((size_t)65536)
-#define PIECE_FINE ((size_t)4096)
+/* Of a piece of a program whose pace is not known: points at most, and
+ * instructions times points. */
+#define PIECE_FIRST ((size_t)65536)
+#define PIECE_WORK ((size_t)16777216)
 
-/* Instructions times points of one whose pace is not known. */
-#define PIECE_WORK 16777216.0
-
-/* Rows of a piece that the submitter takes over: its memory is not to grow with
- * the device's speed. */
-#define PIECE_BYTES ((size_t)8 << 20)
-
-/* A shorter launch says more of its overhead than of the tape. Seconds. */
-#define PACE_LEAST 0.001
+/* Instructions of a tape of which larger pieces leave out more: 1,000
+ * primitives under camel gain 2 times from 4,096 points to 65,536, 100 hardly
+ * anything. */
+#define PIECE_LONG_TAPE 512
 
 /* Jobs looked at for one batch: most of those that fit no more are seen. */
 #define BATCH_LOOKS 1024
@@ -57,29 +55,30 @@ static size_t min_size(size_t a, size_t b)
 
 /* ---- pace ---- */
 
-static double *pace_of(const struct job *job)
+static struct pace *pace_of(const struct job *job)
 {
 	return &job->program->pace[output_order(job->outputs)];
 }
 
-/* Points of job's program that take about so many seconds. */
-static size_t points_in(const struct job *job, double seconds)
+/* Points of job's program that take about so many seconds, or of a long tape up
+ * to `longest` if it gains by that. */
+static size_t points_in(const struct job *job, double seconds, double longest)
 {
-	double pace = *pace_of(job), points;
-	size_t most = PIECE_POINTS, n;
+	size_t insns = job->program->tape->insn_count;
 
-	if (pace > 0.0) {
-		points = seconds / pace;
-	} else {
-		points = PIECE_WORK /
-		    (double)(job->program->tape->insn_count + 1);
-		most = PIECE_COARSE;
-	}
-	if (points >= (double)most)
-		return most;
-	n = (size_t)points;
-	n -= n % (n >= PIECE_COARSE ? PIECE_COARSE : PIECE_FINE);
-	return n > PIECE_FINE ? n : PIECE_FINE;
+	return pace_points(pace_of(job), seconds,
+	    insns > PIECE_LONG_TAPE ? longest : 0.0,
+	    min_size(PIECE_FIRST, PIECE_WORK / (insns + 1)));
+}
+
+/* Points of a piece whose rows the submitter takes over: its memory is not to
+ * grow with the device's speed. */
+static size_t piece_room(const struct job *job)
+{
+	size_t n = SCHEDULER_PIECE_BYTES / (sizeof(float) *
+	    (size_t)output_row_floats(job->outputs));
+
+	return n - n % PACE_LEAST;
 }
 
 /* Points of job's next piece. */
@@ -89,24 +88,12 @@ static size_t piece_points(const struct scheduler *s, const struct job *job)
 	bool is_quiet = job->priority == JOB_BULK &&
 	    clock_seconds() - s->interactive_at > QUIET;
 
-	most = points_in(job, is_quiet ? PIECE_LONG : PIECE_SHORT);
-	if (job->piece != NULL)
-		most = min_size(most, PIECE_BYTES / (sizeof(float) *
-		    (size_t)output_row_floats(job->outputs)));
+	most = is_quiet ? points_in(job, PIECE_LONG, PIECE_LONGEST) :
+	    points_in(job, PIECE_SHORT, PIECE_LONG);
 	/* Rather one that is a little longer than a short one after it. */
-	return left <= most + most / 8 ? left : most;
-}
-
-static void learn_pace(const struct job *job, size_t points, double seconds)
-{
-	double *pace = pace_of(job), now = seconds / (double)points;
-
-	if (points < PIECE_FINE || !(seconds > 0.0))
-		return;
-	if (*pace == 0.0)
-		*pace = now;
-	else if (seconds >= PACE_LEAST)
-		*pace = 0.5 * (*pace + now);
+	if (left <= most + most / 8)
+		most = left;
+	return job->piece != NULL ? min_size(most, piece_room(job)) : most;
 }
 
 /* ---- whose turn it is ---- */
@@ -216,7 +203,7 @@ static void note_launch(struct scheduler *s, struct job *const *jobs,
 {
 	enum job_priority priority = jobs[0]->priority;
 
-	learn_pace(jobs[0], points, seconds);
+	pace_learn(pace_of(jobs[0]), points, seconds);
 	account(s, priority, seconds);
 	pthread_mutex_lock(&s->lock);
 	s->stats.launches++;
@@ -334,7 +321,7 @@ static bool can_join(struct scheduler *s, const struct job *first,
 static size_t collect(struct scheduler *s, struct job *first)
 {
 	size_t room = min_size(DEVICE_PARTS_POINTS,
-	    points_in(first, PIECE_SHORT)), n = 1;
+	    points_in(first, PIECE_SHORT, PIECE_LONG)), n = 1;
 	struct job *job = first->program->jobs.first, *next;
 
 	s->batch[0] = first;

@@ -43,7 +43,7 @@ void scheduler_tables_unload(struct scheduler *s, struct program *p)
 	if (p->loaded == NULL)
 		return;
 	unlink_loaded(s, p);
-	s->loaded_bytes -= program_bytes(p);
+	s->loaded_bytes -= device_tape_bytes(p->loaded);
 	device_drop_tape(s->device, p->loaded);
 	p->loaded = NULL;
 }
@@ -141,7 +141,7 @@ static enum err load(struct scheduler *s, struct program *p,
 		scheduler_tables_unload(s, s->oldest);
 	if (err != ERR_OK)
 		return err;
-	s->loaded_bytes += program_bytes(p);
+	s->loaded_bytes += device_tape_bytes(p->loaded);
 	link_newest(s, p);
 	return ERR_OK;
 }

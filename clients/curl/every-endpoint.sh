@@ -70,7 +70,7 @@ call 200 PUT "/v1/scenes/$id" -H "$json" -H "If-Match: $tag" \
 	--data-binary "@$here/letter-a.json"
 call 200 POST "/v1/scenes/$id/eval" -H "$json" \
 	-d '{"points": [0,0,2.6], "outputs": ["value", "gradient", "hessian"]}'
-call 200 POST "/v1/scenes/$id/eval?outputs=value" -H "$octets" \
+call 200 POST "/v1/scenes/$id/eval?outputs=value&deadline=60" -H "$octets" \
 	-H 'Accept: application/x-npy' --data-binary "@$work/points"
 call 200 GET "/v1/scenes/$id/bounds"
 call 200 POST "/v1/scenes/$id/opening-angle" -H "$json" \

@@ -43,6 +43,7 @@ static const struct part parts[] = {
 	{"tables", bench_tables, false},
 	{"wire", bench_wire, false},
 	{"start", bench_start, false},
+	{"specialised", bench_specialised, true},
 	{"tables-sweep", sweep, true},
 	{"tables-orders", orders, true},
 };

@@ -90,7 +90,8 @@ void bench_scale(bool quick);
 void bench_tables(bool quick);
 void bench_start(bool quick);
 
-/* Tables of other sizes, as options of their own: not part of a usual run. */
+/* Kernels generated for a scene, and tables of other sizes, as parts of their own: not part of a usual run. */
+void bench_specialised(bool quick);
 void bench_tables_sweep(void);
 void bench_tables_orders(void);
 

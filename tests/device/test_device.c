@@ -527,12 +527,14 @@ static void test_device_refuses_a_stack_too_deep(void **state)
 	device_drop_tape(device, t);
 }
 
-/* Points and sums in a row, marked as runs, give what they give one by one; and
- * a run with another exponent in it is refused. */
+/* Points and sums in a row, marked as runs, give what they give one by one but
+ * for rounding (a pair of a run is rounded once); and a run with another
+ * exponent in it is refused. */
 static void test_device_runs_of_points_are_their_sum(void **state)
 {
 	enum { N = 9 };
 	struct device_tape *t;
+	double most = 0.0;
 	struct small s;
 	int slot;
 
@@ -554,7 +556,11 @@ static void test_device_runs_of_points_are_their_sum(void **state)
 	t = load(device, &s, &slot);
 	assert_int_equal(device_evaluate(device, t, points, 1000, OUTPUT_ALL,
 	    rows, NULL, NULL), ERR_OK);
-	assert_memory_equal(rows, whole, 1000 * ROW * sizeof(*rows));
+	for (int i = 0; i < 1000 * ROW; i++)
+		most = fmax(most, fabs((double)rows[i] - (double)whole[i]) /
+		    fmax(1.0, fabs((double)whole[i])));
+	printf("measured: %.1e\n", most);
+	assert_true(most <= 1e-5); /* measured 1.0e-6 */
 	unload(device, t, slot);
 	s.params[6 * 5 + 4] = 4.0;
 	assert_int_equal(device_load_tape(device, &s.tape, NULL, &t),

@@ -47,8 +47,9 @@ struct pruned {
 static struct prune_list list_create(size_t count)
 {
 	count += PRUNE_ROOM;
-	return (struct prune_list){malloc(count * sizeof(struct insn)),
-	    malloc(count * sizeof(struct tape_box)), 0};
+	return (struct prune_list){
+	    .insns = malloc(count * sizeof(struct insn)),
+	    .boxes = malloc(count * sizeof(struct tape_box))};
 }
 
 static void list_free(struct prune_list *list)
@@ -78,7 +79,8 @@ static void pruned_free(struct pruned *p)
 
 static struct prune_list whole_of(const struct tape *tape)
 {
-	return (struct prune_list){tape->insns, tape->boxes, tape->insn_count};
+	return (struct prune_list){.insns = tape->insns, .boxes = tape->boxes,
+	    .count = tape->insn_count};
 }
 
 static void prune_to(struct pruned *p, const struct tape_box *box)
@@ -493,6 +495,173 @@ static void test_prune_to_all_of_space_leaves_the_tape(void **state)
 	}
 }
 
+/* ---- an index ---- */
+
+#define CHILDREN 300
+
+/* Of balls in frames and colours of their own, and in between smaller
+ * compositions that make ends of chains. */
+static void make_children(struct node *nodes, struct node **children,
+    struct random_stream *r)
+{
+	for (int i = 0; i < CHILDREN; i++) {
+		struct node *n = nodes + i;
+
+		*n = ball(random_in(r, -20.0, 20.0));
+		children[i] = n;
+		if (random_below(r, 4) == 0) {
+			n->has_transform = true;
+			n->transform = affine_identity();
+			n->transform.t[0] = random_below(r, 3);
+		}
+		if (random_below(r, 4) == 0) {
+			n->has_color = true;
+			n->color = vec3(0.25 * random_below(r, 4), 0.0, 1.0);
+		}
+		if (i >= 2 && random_below(r, 70) == 0)
+			*n = composition(NODE_INTERSECTION, children + i - 2, 2);
+	}
+}
+
+static void test_prune_with_an_index_leaves_the_same(void **state)
+{
+	static struct node nodes[CHILDREN];
+	static struct node *children[CHILDREN];
+	struct random_stream r = {6};
+
+	(void)state;
+	for (int times = 0; times < TIMES(400); times++) {
+		struct node root = composition(times % 2 ? NODE_SUM :
+		    NODE_UNION, children, CHILDREN);
+		struct tape_box box = box_at((float)random_in(&r, -21.0, 21.0));
+		struct prune_list whole, quick;
+		struct prune_index *index;
+		struct pruned p;
+
+		make_children(nodes, children, &r);
+		p = pruned_create(compile(&root));
+		whole = whole_of(p.tape);
+		quick = list_create(whole.count);
+		assert_int_equal(prune_index_create(&whole, &index), ERR_OK);
+		assert_true(prune_index_bytes(index) > 200 * sizeof(box));
+		box.max[0] += (float)random_in(&r, 0.0, 8.0);
+		prune_to(&p, &box);
+		whole.index = index;
+		prune(&whole, &box, p.is_constant, &quick);
+		assert_int_equal(quick.count, p.list.count);
+		assert_memory_equal(quick.insns, p.list.insns,
+		    quick.count * sizeof(*quick.insns));
+		assert_memory_equal(quick.boxes, p.list.boxes,
+		    quick.count * sizeof(*quick.boxes));
+		prune_index_free(index);
+		list_free(&quick);
+		pruned_free(&p);
+	}
+	prune_index_free(NULL);
+}
+
+/* ---- pairs of points and sums ---- */
+
+static struct node point(double x)
+{
+	return (struct node){.type = NODE_PRIMITIVE, .primitive = {
+	    .type = PRIMITIVE_POINT, .a = {x, 0.0, 0.0}, .radius = {0.5},
+	    .exponent = 3.0, .weight = 1.0}};
+}
+
+#define SUM_LEAVES 24
+
+/* Sums within sums, of points along the x axis. */
+struct sums {
+	struct node nodes[2 * SUM_LEAVES];
+	struct node *children[2 * SUM_LEAVES];
+	size_t node_count, child_count;
+};
+
+/* Of so many points. */
+static struct node *grow_sums(struct sums *s, size_t leaves,
+    struct random_stream *r)
+{
+	struct node *node = s->nodes + s->node_count++, *parts[3];
+	size_t count = leaves < 3 ? leaves : 3, left = leaves;
+
+	if (leaves == 1) {
+		*node = point(random_in(r, -2.0, 2.0));
+		return node;
+	}
+	for (size_t k = 0; k < count; k++) {
+		size_t most = left - (count - 1 - k);
+		size_t n = k + 1 == count ? left :
+		    1 + (size_t)random_below(r, (int)most);
+
+		parts[k] = grow_sums(s, n, r);
+		left -= n;
+	}
+	*node = composition(NODE_SUM, s->children + s->child_count, count);
+	memcpy(s->children + s->child_count, parts, count * sizeof(*parts));
+	s->child_count += count;
+	return node;
+}
+
+/* The field at (x, 0, 0) as an interpreter has it that rounds a pair once: of
+ * made-up points, 0 where theirs are. */
+static float fused_sum(const struct prune_list *list, const double *params,
+    double x)
+{
+	float stack[TAPE_STACK_MAX];
+	size_t top = 0;
+
+	for (size_t i = 0; i < list->count; i++) {
+		const struct insn *insn = list->insns + i;
+		const double *p = params + insn->param;
+		bool alive = insn->op == OP_POINT &&
+		    fabs(p[0] - x) * sqrt(p[3]) < 1.0;
+		float a = alive ? 1.0f + (float)fabs(p[0]) : 0.0f;
+		const float b = 0.7f;
+
+		if (insn->op == OP_SUM) {
+			top--;
+			stack[top - 1] += stack[top];
+		} else if (insn->index > 0) {
+			assert_int_equal(list->insns[i + 1].op, OP_SUM);
+			stack[top - 1] = fmaf(a, b, stack[top - 1]);
+			i++;
+		} else {
+			stack[top++] = a * b;
+		}
+	}
+	assert_int_equal(top, 1);
+	return stack[0];
+}
+
+static void test_prune_parts_no_pair_and_makes_none(void **state)
+{
+	struct random_stream r = {5};
+
+	(void)state;
+	for (int times = 0; times < TIMES(4000); times++) {
+		struct sums s = {.node_count = 0};
+		struct node *root = grow_sums(&s, SUM_LEAVES, &r);
+		struct pruned p = pruned_create(compile(root));
+		const struct prune_list whole = whole_of(p.tape);
+		struct prune_list twice = list_create(p.tape->insn_count);
+		struct tape_box box = box_at((float)random_in(&r, -2.0,
+		    2.0)), wide = box;
+		double x = (double)(0.5f * (box.min[0] + box.max[0]));
+		float value = fused_sum(&whole, p.tape->params, x);
+
+		wide.max[0] += 0.5f;
+		prune_operands(&whole, &wide, &p.list);
+		prune_operands(&p.list, &box, &twice);
+		tape_count_runs(p.list.insns, p.list.count);
+		tape_count_runs(twice.insns, twice.count);
+		assert_true(fused_sum(&p.list, p.tape->params, x) == value);
+		assert_true(fused_sum(&twice, p.tape->params, x) == value);
+		list_free(&twice);
+		pruned_free(&p);
+	}
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -513,6 +682,8 @@ int main(void)
 		cmocka_unit_test(
 		    test_prune_of_what_is_left_is_pruning_at_once),
 		cmocka_unit_test(test_prune_to_all_of_space_leaves_the_tape),
+		cmocka_unit_test(test_prune_with_an_index_leaves_the_same),
+		cmocka_unit_test(test_prune_parts_no_pair_and_makes_none),
 	};
 
 	return cmocka_run_group_tests(tests, make_camel, NULL);

@@ -3,8 +3,8 @@
  * in which order, and that each job is completed once, with its own rows.
  *
  * The device takes fake.pace seconds a point, 5e-6 at first: 4096 points, the
- * least a job is cut into, are 20 ms, so that all pieces have that many. It can
- * be held in a launch.
+ * least a job is cut into, are 20 ms, so that all pieces of programs that are
+ * known to have that pace have that many. It can be held in a launch.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -134,6 +134,11 @@ void device_drop_tape(struct device *d, struct device_tape *t)
 {
 	(void)d;
 	free(t);
+}
+
+size_t device_tape_bytes(const struct device_tape *t)
+{
+	return sizeof(*t);
 }
 
 static void note(const float *points, size_t parts, size_t count)
@@ -298,6 +303,14 @@ static struct tape *make_tape(size_t number, size_t insns)
 	return tape;
 }
 
+static void teach_pace(struct program *program)
+{
+	size_t orders = sizeof program->pace / sizeof *program->pace;
+
+	for (size_t i = 0; i < orders; i++)
+		pace_learn(&program->pace[i], PIECE, PACE * PIECE);
+}
+
 static void set_up(struct bed *bed, size_t queue)
 {
 	struct scheduler_options options = {.queue = queue, .ready = on_ready,
@@ -313,10 +326,11 @@ static void set_up(struct bed *bed, size_t queue)
 	assert_int_equal(tables_create(LAYOUT_WARPED, &bed->tables), ERR_OK);
 	options.tables = bed->tables;
 	assert_int_equal(scheduler_create(&options, &bed->s), ERR_OK);
-	for (size_t i = 0; i < 8; i++)
+	for (size_t i = 0; i < 8; i++) {
 		assert_int_equal(program_create(bed->tables,
-		    make_tape(i + 1, PIECE - 1), 1, &bed->programs[i]),
-		    ERR_OK);
+		    make_tape(i + 1, 1), 1, &bed->programs[i]), ERR_OK);
+		teach_pace(bed->programs[i]);
+	}
 }
 
 static void tear_down(struct bed *bed)
@@ -360,6 +374,7 @@ static void piece(void *ctx, float *rows, size_t first, size_t count)
 
 	assert_int_equal(first, c->got);
 	assert_true(count > 0 && first + count <= c->job.count);
+	assert_true(count * columns * sizeof(float) <= SCHEDULER_PIECE_BYTES);
 	memcpy(c->rows + first * columns, rows,
 	    count * columns * sizeof(float));
 	free(rows);
@@ -430,6 +445,7 @@ static void await(struct client *c)
 static void release(struct client *c)
 {
 	assert_int_equal(atomic_load(&c->done), 1);
+	scheduler_return(c->bed->s, &c->job);
 	scheduler_release(c->bed->s, c->job.program);
 	free((void *)(uintptr_t)c->job.points);
 	free(c->job.rows);
@@ -479,6 +495,8 @@ static void await_idle(struct bed *bed, unsigned long completed)
 		usleep(200);
 	stats = stats_of(bed);
 	assert_int_equal(stats.completed, completed);
+	assert_int_equal(stats.stalled, 0);
+	assert_int_equal(stats.held_bytes, 0);
 }
 
 /* A small job of program 7 that is in its launch, held there. */
@@ -771,7 +789,7 @@ static void test_a_deadline_is_kept_between_pieces(void **state)
 static struct program *make_waiting_program(struct bed *bed, double k,
     bool draft)
 {
-	struct tape *tape = make_tape(1, PIECE - 1);
+	struct tape *tape = make_tape(1, 1);
 	struct program *program;
 
 	tape->operators = calloc(1, sizeof *tape->operators);
@@ -782,6 +800,7 @@ static struct program *make_waiting_program(struct bed *bed, double k,
 	tape->operator_count = 1;
 	assert_int_equal(program_create(bed->tables, tape, (size_t)1 << 30,
 	    &program), ERR_OK);
+	teach_pace(program);
 	return program;
 }
 
@@ -1119,6 +1138,186 @@ static void test_jobs_begun_take_places_in_the_queue(void **state)
 	tear_down(&bed);
 }
 
+static void test_the_last_places_are_for_small_jobs(void **state)
+{
+	struct client first, c[4], more;
+	struct bed bed;
+
+	(void)state;
+	set_up(&bed, 4);
+	plug(&bed, &first);
+	for (int i = 0; i < 3; i++)
+		start(&bed, &c[i], i + 1, 0, 10, JOB_BULK);
+	prepare(&bed, &more, 5, 0, 10, JOB_BULK);
+	assert_int_equal(scheduler_submit(bed.s, &more.job), ERR_BUSY);
+	more.job.priority = JOB_INTERACTIVE;
+	more.job.count = SCHEDULER_SMALL_POINTS + 1; /* of which none is read */
+	assert_int_equal(scheduler_submit(bed.s, &more.job), ERR_BUSY);
+	more.job.count = 10;
+	start(&bed, &c[3], 4, 0, 10, JOB_INTERACTIVE);
+	assert_int_equal(scheduler_submit(bed.s, &more.job), ERR_BUSY);
+	let_go();
+	finish(&first, ERR_OK, 7);
+	for (int i = 0; i < 4; i++)
+		finish(&c[i], ERR_OK, 0);
+	await_idle(&bed, 5);
+	submit(&more);
+	finish(&more, ERR_OK, 0);
+	tear_down(&bed);
+}
+
+static void await_stalled(struct bed *bed, size_t count)
+{
+	while (stats_of(bed).stalled != count)
+		usleep(200);
+}
+
+/* Of the one place, each time one more has stalled. */
+static void test_stalled_jobs_take_no_places(void **state)
+{
+	struct client c[8], other;
+	struct bed bed;
+
+	(void)state;
+	set_up(&bed, 1);
+	for (int i = 0; i < 8; i++) {
+		prepare(&bed, &c[i], i, 0, 4 * PIECE,
+		    i % 2 == 0 ? JOB_BULK : JOB_INTERACTIVE);
+		prepare_pieces(&c[i]);
+		c[i].room = 1;
+		submit(&c[i]);
+		await_stalled(&bed, (size_t)i + 1);
+	}
+	assert_int_equal(stats_of(&bed).running, 8);
+	scheduler_continue(bed.s); /* though they have no room */
+	for (int i = 0; i < 4; i++) {
+		start(&bed, &other, 9, 1, 10,
+		    i % 2 == 0 ? JOB_BULK : JOB_INTERACTIVE);
+		finish(&other, ERR_OK, 1);
+		while (stats_of(&bed).running > 8)
+			usleep(200);
+		assert_int_equal(stats_of(&bed).stalled, 8);
+	}
+	atomic_store(&c[0].gone, true); /* stalled when it is completed */
+	finish(&c[0], ERR_CANCELLED, 0);
+	await_stalled(&bed, 7);
+	for (int i = 1; i < 8; i++) {
+		c[i].room = 0;
+		atomic_store(&c[i].is_full, false);
+	}
+	scheduler_continue(bed.s);
+	for (int i = 1; i < 8; i++)
+		finish(&c[i], ERR_OK, 0);
+	await_idle(&bed, 12);
+	tear_down(&bed);
+}
+
+/* ---- bytes ---- */
+
+/* A job of so many points as there is no memory for: none of them is read. */
+static void start_giant(struct bed *bed, struct client *c, size_t count)
+{
+	prepare(bed, c, 1, 0, 0, JOB_BULK);
+	c->job.count = count;
+	submit(c);
+}
+
+/* Also once it has been completed. Small ones pass all the time. */
+static void test_answers_count_until_they_have_left(void **state)
+{
+	const size_t count = (size_t)1 << 26; /* 28 bytes each: 1.75 GiB */
+	struct client first, giant, small, more;
+	struct bed bed;
+
+	(void)state;
+	set_up(&bed, 100);
+	plug(&bed, &first);
+	start_giant(&bed, &giant, count); /* the only large one: it may */
+	assert_int_equal(stats_of(&bed).held_bytes, 28 * (count + 100));
+	prepare(&bed, &more, 2, 0, 10, JOB_BULK);
+	assert_int_equal(scheduler_submit(bed.s, &more.job), ERR_BUSY);
+	start(&bed, &small, 3, 0, 10, JOB_INTERACTIVE);
+	atomic_store(&giant.gone, true);
+	let_go();
+	finish(&first, ERR_OK, 7);
+	finish(&small, ERR_OK, 0);
+	await(&giant);
+	while (!scheduler_is_idle(bed.s))
+		usleep(200);
+	assert_int_equal(stats_of(&bed).held_bytes, 16 * count);
+	scheduler_return(bed.s, &giant.job);
+	scheduler_return(bed.s, &giant.job); /* once is enough */
+	assert_int_equal(stats_of(&bed).held_bytes, 0);
+	submit(&more);
+	finish(&more, ERR_OK, 0);
+	finish(&giant, ERR_CANCELLED, 0);
+	await_idle(&bed, 4);
+	tear_down(&bed);
+}
+
+/* They come to no more than the pieces there may be at a time. */
+static void test_rows_in_pieces_count_as_pieces(void **state)
+{
+	const size_t most = SCHEDULER_PIECES * SCHEDULER_PIECE_BYTES;
+	struct client large, small;
+	struct bed bed;
+
+	(void)state;
+	set_up(&bed, 100);
+	hold();
+	prepare(&bed, &large, 1, 0, 500000, JOB_BULK);
+	prepare_pieces(&large);
+	submit(&large);
+	await_inside();
+	assert_int_equal(stats_of(&bed).held_bytes, 12 * 500000 + most);
+	prepare(&bed, &small, 2, 0, 10, JOB_INTERACTIVE);
+	prepare_pieces(&small);
+	small.job.text = 1000;
+	submit(&small);
+	assert_int_equal(stats_of(&bed).held_bytes, 12 * 500000 + most +
+	    28 * 10 + 1000);
+	fake.pace = 1e-9; /* pieces get as large as they may */
+	let_go();
+	finish(&small, ERR_OK, 0);
+	finish(&large, ERR_OK, 0);
+	await_idle(&bed, 2);
+	tear_down(&bed);
+}
+
+/* When small ones have all that is theirs, the smallest still pass. */
+static void test_no_small_job_takes_all_that_is_left(void **state)
+{
+	struct client first, c[200], tiny;
+	struct bed bed;
+	size_t n = 0;
+	enum err err;
+
+	(void)state;
+	set_up(&bed, 1000);
+	plug(&bed, &first);
+	do {
+		prepare(&bed, &c[n], (int)n, 0, 0, JOB_INTERACTIVE);
+		c[n].job.count = 1000;
+		c[n].job.text = (size_t)20 << 20;
+		err = scheduler_submit(bed.s, &c[n].job);
+	} while (err == ERR_OK && ++n < 199);
+	assert_int_equal(err, ERR_BUSY);
+	/* 1.25 GiB less seven times what one takes. */
+	assert_int_equal(n, 56);
+	start(&bed, &tiny, 1, 1, 10, JOB_INTERACTIVE);
+	for (size_t i = 0; i < n; i++)
+		atomic_store(&c[i].gone, true);
+	let_go();
+	finish(&first, ERR_OK, 7);
+	finish(&tiny, ERR_OK, 1);
+	for (size_t i = 0; i < n; i++)
+		finish(&c[i], ERR_CANCELLED, 0);
+	atomic_store(&c[n].done, 1); /* refused */
+	release(&c[n]);
+	await_idle(&bed, n + 2);
+	tear_down(&bed);
+}
+
 /* ---- stopping ---- */
 
 static void test_stopping_completes_all_there_is(void **state)
@@ -1425,6 +1624,11 @@ int main(void)
 		cmocka_unit_test(test_no_memory_is_an_error_at_each_step),
 		cmocka_unit_test(test_a_full_queue_refuses),
 		cmocka_unit_test(test_jobs_begun_take_places_in_the_queue),
+		cmocka_unit_test(test_the_last_places_are_for_small_jobs),
+		cmocka_unit_test(test_stalled_jobs_take_no_places),
+		cmocka_unit_test(test_answers_count_until_they_have_left),
+		cmocka_unit_test(test_rows_in_pieces_count_as_pieces),
+		cmocka_unit_test(test_no_small_job_takes_all_that_is_left),
 		cmocka_unit_test(test_stopping_completes_all_there_is),
 		cmocka_unit_test(test_draining_finishes_what_is_cut),
 		cmocka_unit_test(test_all_pieces_are_of_the_same_tables),

@@ -8,6 +8,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
+#include <errno.h>
 #include <fcntl.h>
 #include <math.h>
 #include <signal.h>
@@ -17,6 +18,7 @@
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "core/table.h"
@@ -389,23 +391,144 @@ static void test_what_was_used_longest_ago_goes_first(void **state)
 	assert_true(loads(p));
 }
 
-static void test_other_files_are_left_alone_and_old_parts_are_not(void **state)
+/* A file of that name, used so long ago. */
+static void put(const struct place *p, const char *name, time_t age)
 {
-	static const char *const names[] = {"notes.txt", "ab12.part", "x.part"};
-	struct place *p = *state;
-	const struct timespec old[2] = {{.tv_sec = 1000}, {.tv_sec = 1000}};
-	char path[PATH_MAX + 32];
+	const time_t then = time(NULL) - age;
+	const struct timespec times[2] = {{.tv_sec = then}, {.tv_sec = then}};
+	char path[PATH_MAX + NAME_MAX + 2];
 
-	for (int i = 0; i < 3; i++) {
-		snprintf(path, sizeof path, "%s/%s", p->folder, names[i]);
-		spill(path, "text", 4);
-		if (i < 2)
-			utimensat(AT_FDCWD, path, old, 0);
-	}
+	snprintf(path, sizeof path, "%s/%s", p->folder, name);
+	spill(path, "text", 4);
+	assert_int_equal(utimensat(AT_FDCWD, path, times, 0), 0);
+}
+
+#define HASH "0123456789abcdef0123456789abcdef"
+
+/* Folders for downloads have such. */
+static void test_other_peoples_files_are_left_alone(void **state)
+{
+	static const char *const names[] = {"notes.txt", "ab12Cd.part",
+	    "firefox-download.iso.part", "x.part", ".part", ".blobcache",
+	    "mine.blobcache", "table.blobcache", "table-.blobcache",
+	    "table-0123.blobcache", "table-" HASH "0.blobcache",
+	    "table-0123456789ABCDEF0123456789ABCDEF.blobcache",
+	    "table-" HASH ".blobcache.part", "table-" HASH ".blobcache~",
+	    "table-" HASH, "tables-" HASH ".blobcache", "-" HASH ".blobcache",
+	    "my-table-" HASH ".blobcache", "part-table-" HASH ".blobcache",
+	    "part-table-" HASH ".blobcache.part",
+	    "part-table-" HASH "-abc12.blobcache.part",
+	    "part-table-" HASH "-abc12_.blobcache.part",
+	    "part-table-" HASH "-abc1234.blobcache.part",
+	    "part-table-" HASH "-abc123.blobcache",
+	    "part-other-" HASH "-abc123.blobcache.part"};
+	const int count = sizeof names / sizeof *names;
+	struct place *p = *state;
+
+	for (int i = 0; i < count; i++)
+		put(p, names[i], 1000000);
 	cache_trim(p->folder, 0);
-	assert_int_equal(folder_count(p->folder, "notes"), 1);
-	assert_int_equal(folder_count(p->folder, "ab12"), 0);
-	assert_int_equal(folder_count(p->folder, "x.part"), 1);
+	table_cache_store(p->cache, p->table, &figures);
+	for (int i = 0; i < count; i++) {
+		char path[PATH_MAX + NAME_MAX + 2];
+
+		snprintf(path, sizeof path, "%s/%s", p->folder, names[i]);
+		assert_int_equal(access(path, F_OK), 0);
+	}
+}
+
+static void test_a_link_or_anothers_file_is_left_alone(void **state)
+{
+	struct place *p = *state;
+	char path[PATH_MAX + NAME_MAX + 2], real[PATH_MAX + 8];
+
+	put(p, "real", 1000000);
+	snprintf(real, sizeof real, "%s/real", p->folder);
+	snprintf(path, sizeof path, "%s/table-" HASH ".blobcache", p->folder);
+	assert_int_equal(symlink(real, path), 0);
+	cache_trim(p->folder, 0);
+	assert_int_equal(folder_count(p->folder, ""), 2);
+	assert_int_equal(unlink(path), 0);
+	if (geteuid() != 0)
+		return;
+	put(p, "table-" HASH ".blobcache", 1000000);
+	assert_int_equal(chown(path, 12345, (gid_t)-1), 0);
+	cache_trim(p->folder, 0);
+	assert_int_equal(folder_count(p->folder, ""), 2);
+}
+
+static void test_old_parts_of_ones_own_are_removed(void **state)
+{
+	struct place *p = *state;
+
+	put(p, "part-table-" HASH "-abCD12.blobcache.part", 4000);
+	put(p, "part-figures-" HASH "-abCD12.blobcache.part", 4000);
+	put(p, "part-kernels-" HASH "-abCD12.blobcache.part", 4000);
+	put(p, "part-note-" HASH "-abCD12.blobcache.part", 4000);
+	put(p, "part-table-" HASH "-abCD13.blobcache.part", 3000);
+	cache_trim(p->folder, MOST);
+	assert_int_equal(folder_count(p->folder, ""), 1);
+	assert_int_equal(folder_count(p->folder, "part-table-"), 1);
+}
+
+/* What a writer that is killed leaves is what cache_trim takes for a part. */
+static void test_a_killed_writers_part_is_removed(void **state)
+{
+	struct place *p = *state;
+	struct cache_key key = {0};
+	char path[PATH_MAX];
+	int status;
+	pid_t pid = fork();
+
+	assert_true(pid >= 0);
+	if (pid == 0) {
+		struct rlimit most = {65536, 65536};
+
+		signal(SIGXFSZ, SIG_DFL); /* ends it within a write */
+		setrlimit(RLIMIT_FSIZE, &most);
+		cache_file_write(p->folder, "table", &key, p->table->first,
+		    table_bytes(p->table));
+		_exit(0);
+	}
+	assert_int_equal(waitpid(pid, &status, 0), pid);
+	assert_true(WIFSIGNALED(status));
+	assert_int_equal(folder_count(p->folder, ""), 1);
+	folder_find(p->folder, "part-table-", path);
+	put(p, strrchr(path, '/') + 1, 4000);
+	cache_trim(p->folder, MOST);
+	assert_int_equal(folder_count(p->folder, ""), 0);
+}
+
+static void test_the_age_of_a_file(void **state)
+{
+	struct place *p = *state;
+	struct cache_key key = {0}, other = {0};
+	const time_t now = time(NULL);
+	struct timespec then[2] = {{.tv_sec = now - 100000},
+	    {.tv_sec = now - 100000}};
+	char path[PATH_MAX];
+	double age;
+
+	cache_key_add_text(&key, "what");
+	cache_key_add_text(&other, "what else");
+	assert_true(cache_file_age(p->folder, "note", &key) == -1.0);
+	assert_int_equal(cache_file_write(p->folder, "note", &key, "", 0),
+	    ERR_OK);
+	age = cache_file_age(p->folder, "note", &key);
+	assert_true(age >= 0.0 && age < 60.0);
+	assert_true(cache_file_age(p->folder, "note", &other) == -1.0);
+	assert_true(cache_file_age(p->folder, "table", &key) == -1.0);
+	folder_find(p->folder, "note-", path);
+	utimensat(AT_FDCWD, path, then, 0);
+	age = cache_file_age(p->folder, "note", &key);
+	assert_true(age >= 100000.0 && age < 100060.0);
+	then[1].tv_sec = now + 100000;
+	utimensat(AT_FDCWD, path, then, 0);
+	assert_true(cache_file_age(p->folder, "note", &key) == -1.0);
+	spill(path, "", 0);
+	assert_true(cache_file_age(p->folder, "note", &key) == -1.0);
+	cache_trim(p->folder, 0);
+	assert_int_equal(folder_count(p->folder, "note-"), 1); /* it is empty */
 }
 
 static void test_a_folder_that_is_gone_is_no_failure(void **state)
@@ -490,13 +613,26 @@ static void test_a_folder_is_made_for_its_user_alone(void **state)
 	assert_int_equal(cache_prepare(path), ERR_OK);
 	assert_int_equal(stat(path, &info), 0);
 	assert_int_equal(info.st_mode & 0777, 0700);
-	chmod(path, 0777);
+	chmod(path, 0755);
+	assert_int_equal(cache_prepare(path), ERR_OK);
+	chmod(path, 0775);
 	assert_int_equal(cache_prepare(path), ERR_INVALID);
+	chmod(path, 0757);
+	assert_int_equal(cache_prepare(path), ERR_INVALID);
+	if (geteuid() == 0) {
+		chmod(path, 0700);
+		assert_int_equal(chown(path, 12345, (gid_t)-1), 0);
+		assert_int_equal(cache_prepare(path), ERR_INVALID);
+	}
 	snprintf(path, sizeof path, "%s/file", p->folder);
 	spill(path, "", 0);
 	assert_int_equal(cache_prepare(path), ERR_IO);
 	snprintf(path, sizeof path, "%s/file/below", p->folder);
 	assert_int_equal(cache_prepare(path), ERR_IO);
+	memset(path, '/', CACHE_FOLDER_MAX); /* the root, at length */
+	path[CACHE_FOLDER_MAX] = '\0';
+	assert_int_equal(cache_prepare(path), ERR_IO);
+	assert_int_equal(errno, ENAMETOOLONG);
 }
 
 #define CASE(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
@@ -514,7 +650,11 @@ int main(void)
 		CASE(test_only_a_file_of_ones_own_counts),
 		CASE(test_what_build_would_not_give_is_ignored),
 		CASE(test_what_was_used_longest_ago_goes_first),
-		CASE(test_other_files_are_left_alone_and_old_parts_are_not),
+		CASE(test_other_peoples_files_are_left_alone),
+		CASE(test_a_link_or_anothers_file_is_left_alone),
+		CASE(test_old_parts_of_ones_own_are_removed),
+		CASE(test_a_killed_writers_part_is_removed),
+		CASE(test_the_age_of_a_file),
 		CASE(test_a_folder_that_is_gone_is_no_failure),
 		CASE(test_a_full_disk_leaves_nothing_behind),
 		CASE(test_several_processes_at_once),

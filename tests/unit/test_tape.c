@@ -1186,6 +1186,24 @@ static void test_tape_marks_runs_of_points(void **state)
 	tape_free(t);
 }
 
+static void test_tape_counts_runs_of_what_is_left(void **state)
+{
+	/* pairs, but for the first and the fourth point, which has become one */
+	struct insn insns[] = {{.op = OP_POINT, .index = 1},
+	    {.op = OP_POINT, .index = 1}, {.op = OP_SUM},
+	    {.op = OP_POINT, .index = 7}, {.op = OP_SUM},
+	    {.op = OP_POINT, .index = 0}, {.op = OP_SUM},
+	    {.op = OP_POINT, .index = 1}, {.op = OP_SUM}};
+
+	(void)state;
+	tape_count_runs(insns, sizeof(insns) / sizeof(*insns));
+	assert_int_equal(insns[0].index, 0);
+	assert_int_equal(insns[1].index, 2);
+	assert_int_equal(insns[3].index, 1);
+	assert_int_equal(insns[5].index, 0);
+	assert_int_equal(insns[7].index, 1);
+}
+
 static struct tape_box box_of(const struct tape *t, size_t i)
 {
 	assert_true(i < t->insn_count);
@@ -1459,6 +1477,7 @@ int main(void)
 		    test_tape_refuses_lengths_that_a_taper_takes_out_of_range),
 		cmocka_unit_test(test_tape_of_random_trees_is_sound),
 		cmocka_unit_test(test_tape_marks_runs_of_points),
+		cmocka_unit_test(test_tape_counts_runs_of_what_is_left),
 		cmocka_unit_test(
 		    test_tape_boxes_follow_transforms_and_compositions),
 		cmocka_unit_test(

@@ -67,6 +67,7 @@ struct cloud {
 	struct operator op;
 	struct tape *tape;
 	struct tiles *tiles;
+	struct tiles_work *work;
 };
 
 static struct cloud *cloud_create(size_t count, double radius,
@@ -95,12 +96,14 @@ static struct cloud *cloud_create(size_t count, double radius,
 	assert_int_equal(tape_compile(&tree, MAX_NODES, &c->tape, &error),
 	    ERR_OK);
 	assert_int_equal(tiles_create(c->tape, &c->tiles), ERR_OK);
+	assert_int_equal(tiles_work_create(&c->work), ERR_OK);
 	return c;
 }
 
 static void cloud_free(struct cloud *c)
 {
 	tiles_free(c->tiles);
+	tiles_work_free(c->work);
 	tape_free(c->tape);
 	free(c->nodes);
 	free(c->children);
@@ -208,7 +211,7 @@ static double build(struct cloud *c, const float *points, size_t count,
 	struct tiles_out out = out_create(count, room);
 	double mean;
 
-	assert_int_equal(tiles_build(c->tiles, points, count, true, by, &out),
+	assert_int_equal(tiles_build(c->tiles, c->work, points, count, true, by, &out),
 	    ERR_OK);
 	assert_true(out.insn_count <= room);
 	assert_order(&out, count);
@@ -267,9 +270,9 @@ static void test_tiles_do_not_depend_on_the_crew(void **state)
 	struct tiles_out many = out_create(COUNT, ROOM);
 
 	(void)state;
-	assert_int_equal(tiles_build(c->tiles, points, COUNT, true, NULL, &one),
+	assert_int_equal(tiles_build(c->tiles, c->work, points, COUNT, true, NULL, &one),
 	    ERR_OK);
-	assert_int_equal(tiles_build(c->tiles, points, COUNT, true, &crew,
+	assert_int_equal(tiles_build(c->tiles, c->work, points, COUNT, true, &crew,
 	    &many), ERR_OK);
 	assert_int_equal(one.tile_count, many.tile_count);
 	assert_int_equal(one.insn_count, many.insn_count);
@@ -298,13 +301,14 @@ static void test_tiles_hold_what_their_boxes_need(void **state)
 	float *points = random_points(3, COUNT);
 	struct tiles_out out = out_create(COUNT, ROOM);
 	size_t most = c->tape->insn_count + PRUNE_ROOM;
-	struct prune_list whole = {c->tape->insns, c->tape->boxes,
-	    c->tape->insn_count};
-	struct prune_list left = {malloc(most * sizeof(struct insn)),
-	    malloc(most * sizeof(struct tape_box)), 0};
+	struct prune_list whole = {.insns = c->tape->insns,
+	    .boxes = c->tape->boxes, .count = c->tape->insn_count};
+	struct prune_list left = {
+	    .insns = malloc(most * sizeof(struct insn)),
+	    .boxes = malloc(most * sizeof(struct tape_box))};
 
 	(void)state;
-	assert_int_equal(tiles_build(c->tiles, points, COUNT, true, NULL, &out),
+	assert_int_equal(tiles_build(c->tiles, c->work, points, COUNT, true, NULL, &out),
 	    ERR_OK);
 	for (size_t i = 0; i < out.tile_count; i++) {
 		struct tape_box box = {{2.0f, 2.0f, 2.0f},
@@ -364,7 +368,7 @@ static void test_tiles_not_culled_are_as_given(void **state)
 	struct tiles_out out = out_create(COUNT, 10);
 
 	(void)state;
-	assert_int_equal(tiles_build(c->tiles, points, COUNT, false, &crew,
+	assert_int_equal(tiles_build(c->tiles, c->work, points, COUNT, false, &crew,
 	    &out), ERR_OK);
 	assert_order(&out, COUNT);
 	for (size_t i = 0; i < COUNT; i++)
@@ -422,7 +426,7 @@ static void test_tiles_leave_an_order_that_serves(void **state)
 		p[3 * i + 1] = (float)(i / SIDE % SIDE) / (16.0f * SIDE);
 		p[3 * i + 2] = (float)(i / SIDE / SIDE) / (16.0f * SIDE);
 	}
-	assert_int_equal(tiles_build(c->tiles, p, COUNT, true, NULL, &out),
+	assert_int_equal(tiles_build(c->tiles, c->work, p, COUNT, true, NULL, &out),
 	    ERR_OK);
 	for (size_t i = 0; i < COUNT; i++)
 		assert_int_equal(out.order[i], i);
@@ -462,12 +466,17 @@ static void test_tiles_survive_every_failing_allocation(void **state)
 	out = out_create(COUNT, 1000);
 	do {
 		struct tiles *t = NULL;
+		struct tiles_work *work = NULL;
 
 		fail_alloc_set(++n);
 		err = tiles_create(c->tape, &t);
 		if (err == ERR_OK)
-			err = tiles_build(t, points, COUNT, true, NULL, &out);
+			err = tiles_work_create(&work);
+		if (err == ERR_OK)
+			err = tiles_build(t, work, points, COUNT, true, NULL,
+			    &out);
 		tiles_free(t);
+		tiles_work_free(work);
 		assert_int_equal(fail_alloc_live(), 0);
 		assert_int_equal(err, fail_alloc_happened() ? ERR_MEMORY
 		    : ERR_OK);

@@ -8,12 +8,17 @@
 #include <stdint.h>
 #include <cmocka.h>
 
+#include <ctype.h>
+#include <dirent.h>
 #include <fcntl.h>
+#include <poll.h>
 #include <signal.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "tests/support/daemon.h"
@@ -96,32 +101,55 @@ static void fill(const char *folder)
 	stop(&d);
 }
 
-/* Starts a daemon whose log goes to a file; how many lines of it say what. */
-static int count_in_log(const char *const *arguments, const char *what)
+/* Starts a daemon whose log goes to a file, which it returns. */
+static int start_logged(struct daemon *d, const char *const *arguments)
 {
-	static char text[OUTPUT_MAX];
 	char name[PATH_MAX];
-	struct daemon d;
-	int count = 0, saved, fd;
-	ssize_t length;
+	int saved, fd;
 
 	folder_make(name);
-	fd = open(name, O_TMPFILE | O_RDWR, 0600);
+	fd = open(name, O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
 	assert_true(fd >= 0);
 	folder_remove(name);
 	saved = dup(STDERR_FILENO);
 	dup2(fd, STDERR_FILENO);
-	daemon_start(&d, arguments);
+	daemon_start(d, arguments);
 	dup2(saved, STDERR_FILENO);
 	close(saved);
-	daemon_await_ready(&d);
-	stop(&d);
-	length = pread(fd, text, sizeof text - 1, 0);
+	return fd;
+}
+
+/* How many lines of a log say what. */
+static int count_lines(int fd, const char *what)
+{
+	static char text[OUTPUT_MAX];
+	ssize_t length = pread(fd, text, sizeof text - 1, 0);
+	int count = 0;
+
 	assert_true(length >= 0);
 	text[length] = '\0';
-	close(fd);
 	for (const char *at = text; (at = strstr(at, what)) != NULL; at++)
 		count++;
+	return count;
+}
+
+static void await_line(int fd, const char *what)
+{
+	for (int i = 0; i < 6000 && count_lines(fd, what) == 0; i++)
+		usleep(20000);
+	assert_int_equal(count_lines(fd, what), 1);
+}
+
+/* Starts a daemon and stops it; how many lines of its log say what. */
+static int count_in_log(const char *const *arguments, const char *what)
+{
+	struct daemon d;
+	int fd = start_logged(&d, arguments), count;
+
+	daemon_await_ready(&d);
+	stop(&d);
+	count = count_lines(fd, what);
+	close(fd);
 	return count;
 }
 
@@ -155,15 +183,35 @@ static void test_a_second_start_loads_and_answers_the_same(void **state)
 	folder_remove(folder);
 }
 
-static void damage(void *ctx, const char *path)
+#define FILES_MAX 16
+
+struct files {
+	char paths[FILES_MAX][PATH_MAX];
+	int count;
+};
+
+static void add_file(void *ctx, const char *path)
 {
-	int *count = ctx, fd = open(path, O_RDWR);
+	struct files *files = ctx;
+
+	assert_true(files->count < FILES_MAX);
+	snprintf(files->paths[files->count++], PATH_MAX, "%s", path);
+}
+
+static int compare_paths(const void *a, const void *b)
+{
+	return strcmp(a, b);
+}
+
+static void damage(const char *path, int how)
+{
+	int fd = open(path, O_RDWR);
 	struct stat info;
 	char byte;
 
 	assert_true(fd >= 0);
 	assert_int_equal(fstat(fd, &info), 0);
-	switch ((*count)++ % 3) {
+	switch (how % 3) {
 	case 0:
 		assert_int_equal(pread(fd, &byte, 1, info.st_size / 2), 1);
 		byte ^= 1;
@@ -179,18 +227,33 @@ static void damage(void *ctx, const char *path)
 	close(fd);
 }
 
+/* Every file, in the order of their names one in each way; how many. */
+static int damage_all(const char *folder)
+{
+	struct files *files = calloc(1, sizeof *files);
+	int count;
+
+	assert_non_null(files);
+	folder_each(folder, add_file, files);
+	count = files->count;
+	qsort(files->paths, (size_t)count, sizeof *files->paths,
+	    compare_paths);
+	for (int i = 0; i < count; i++)
+		damage(files->paths[i], i);
+	free(files);
+	return count;
+}
+
 static void test_what_is_damaged_is_built_and_replaced(void **state)
 {
 	char folder[PATH_MAX];
 	const char *const arguments[] = {"--no-measure", "--cache", folder,
 	    "--log-level", "info", NULL};
-	int count = 0;
 
 	(void)state;
 	folder_make(folder);
 	fill(folder);
-	folder_each(folder, damage, &count);
-	assert_true(count >= 8);
+	assert_true(damage_all(folder) >= 8);
 	assert_int_equal(count_in_log(arguments, "from the cache in"), 0);
 	fill(folder);
 	assert_int_equal(count_in_log(arguments, "from the cache in"), 4);
@@ -248,21 +311,182 @@ static void test_no_cache_keeps_nothing(void **state)
 	folder_remove(folder);
 }
 
-/* Points singly: those kernels compile soonest, 13 s if PoCL has none. */
-static void test_kernels_come_out_of_a_filled_cache(void **state)
+/* ---- the process that fills ---- */
+
+/* The parent of a process; 0: it is gone, or a zombie. */
+static pid_t parent_of(const char *pid)
 {
-	char folder[PATH_MAX], output[OUTPUT_MAX];
-	const char *const filling[] = {"--width", "1", "--cache", folder,
-	    "--fill-cache", NULL};
+	char path[PATH_MAX], text[512], state;
+	const char *at;
+	int parent;
+	FILE *file;
+
+	snprintf(path, sizeof path, "/proc/%s/stat", pid);
+	file = fopen(path, "r");
+	if (file == NULL)
+		return 0;
+	text[fread(text, 1, sizeof text - 1, file)] = '\0';
+	fclose(file);
+	at = strrchr(text, ')'); /* its name may hold anything */
+	return at != NULL && sscanf(at, ") %c %d", &state, &parent) == 2 &&
+	    state != 'Z' ? parent : 0;
+}
+
+/* Whether a process has ended, waited for or not. */
+static bool is_gone(pid_t pid)
+{
+	char name[16];
+
+	snprintf(name, sizeof name, "%d", (int)pid);
+	return parent_of(name) == 0;
+}
+
+/* A child of parent, or 0. */
+static pid_t find_child(pid_t parent)
+{
+	DIR *dir = opendir("/proc");
+	struct dirent *entry;
+	pid_t child = 0;
+
+	assert_non_null(dir);
+	while (child == 0 && (entry = readdir(dir)) != NULL) {
+		if (isdigit((unsigned char)entry->d_name[0]) &&
+		    parent_of(entry->d_name) == parent)
+			child = (pid_t)strtol(entry->d_name, NULL, 10);
+	}
+	closedir(dir);
+	return child;
+}
+
+/* It begins 10 s after the daemon. */
+static pid_t await_child(pid_t parent)
+{
+	pid_t child = 0;
+
+	for (int i = 0; i < 6000 && child == 0; i++) {
+		usleep(20000);
+		child = find_child(parent);
+	}
+	assert_true(child > 0);
+	return child;
+}
+
+/* Whether nobody holds the other end of a daemon's stdout soon. */
+static bool ends_soon(int fd)
+{
+	struct pollfd poll_fd = {.fd = fd, .events = POLLIN};
+	char rest[256];
+
+	while (poll(&poll_fd, 1, 5000) == 1) {
+		if (read(fd, rest, sizeof rest) <= 0)
+			return true;
+	}
+	return false;
+}
+
+/* Kills the daemon while its child fills folder. */
+static void kill_midway(struct daemon *d, const char *folder)
+{
+	char path[64], name[PATH_MAX];
+	pid_t child = await_child(d->pid);
+	ssize_t length;
+	int status;
+
+	usleep(200000);
+	snprintf(path, sizeof path, "/proc/%d/fd/1", (int)child);
+	length = readlink(path, name, sizeof name - 1);
+	assert_true(length > 0);
+	name[length] = '\0';
+	assert_string_equal(name, "/dev/null");
+	assert_int_equal(folder_count(folder, "kernels-"), 0);
+	kill(d->pid, SIGKILL);
+	assert_int_equal(waitpid(d->pid, &status, 0), d->pid);
+	assert_true(ends_soon(d->out));
+	close(d->out);
+	for (int i = 0; i < 500 && !is_gone(child); i++)
+		usleep(10000);
+	assert_true(is_gone(child));
+	assert_int_equal(folder_count(folder, "kernels-"), 0);
+	assert_int_equal(folder_count(folder, "note-"), 0);
+}
+
+/* A daemon trusts its folder when it starts; what fills it, later. */
+static void test_a_fill_that_fails_is_not_tried_again(void **state)
+{
+	char folder[PATH_MAX];
 	const char *const arguments[] = {"--width", "1", "--cache", folder,
 	    "--no-measure", "--log-level", "info", NULL};
+	struct daemon d;
+	int log;
 
 	(void)state;
 	folder_make(folder);
-	assert_int_equal(daemon_run(filling, output, sizeof output), 0);
+	log = start_logged(&d, arguments);
+	assert_int_equal(chmod(folder, 0777), 0);
+	await_line(log, "the cache could not be filled");
+	assert_int_equal(count_lines(log, "there is no cache to fill"), 1);
+	await_files(folder, "note-", 1);
+	stop(&d);
+	close(log);
+
+	assert_int_equal(chmod(folder, 0700), 0);
+	log = start_logged(&d, arguments);
+	await_line(log, "has failed within a day");
+	stop(&d);
+	close(log);
+	assert_int_equal(folder_count(folder, "kernels-"), 0);
+	folder_remove(folder);
+}
+
+/* Starts a daemon that finds nothing in PoCL's cache either: from a full one
+ * kernels are stored too soon to be killed in between. */
+static void start_cold(struct daemon *d, const char *const *arguments,
+    const char *pocl)
+{
+	const char *before = getenv("POCL_CACHE_DIR");
+	char *saved = before != NULL ? strdup(before) : NULL;
+
+	setenv("POCL_CACHE_DIR", pocl, 1);
+	daemon_start(d, arguments);
+	if (saved != NULL)
+		setenv("POCL_CACHE_DIR", saved, 1);
+	else
+		unsetenv("POCL_CACHE_DIR");
+	free(saved);
+	daemon_await_ready(d); /* PoCL has children too, when it links */
+}
+
+/* What fills the cache is killed with its daemon; the next start is good, and
+ * fills it. Points singly: those kernels compile soonest, 13 s if PoCL has
+ * none. */
+static void test_the_daemon_fills_its_cache(void **state)
+{
+	char folder[PATH_MAX], pocl[PATH_MAX], output[OUTPUT_MAX];
+	const char *const arguments[] = {"--width", "1", "--cache", folder,
+	    "--no-measure", "--log-level", "info", NULL};
+	const char *const quiet[] = {"--width", "1", "--cache", folder,
+	    "--no-measure", NULL};
+	const char *const filling[] = {"--width", "1", "--cache", folder,
+	    "--fill-cache", NULL};
+	struct daemon d;
+	int log;
+
+	(void)state;
+	folder_make(folder);
+	folder_make(pocl);
+	start_cold(&d, quiet, pocl);
+	kill_midway(&d, folder);
+	folder_remove(pocl);
+
+	log = start_logged(&d, arguments);
+	await_line(log, "kernels are in the cache");
+	stop(&d);
+	close(log);
 	assert_int_equal(folder_count(folder, "kernels-"), 2);
+	assert_int_equal(folder_count(folder, "note-"), 0);
 	assert_int_equal(count_in_log(arguments, "kernels from the cache"), 1);
-	folder_each(folder, damage, &(int){1});
+	assert_int_equal(daemon_run(filling, output, sizeof output), 0);
+	damage_all(folder);
 	assert_int_equal(count_in_log(arguments, "kernels from the cache"), 0);
 	folder_remove(folder);
 }
@@ -276,7 +500,8 @@ int main(void)
 		cmocka_unit_test(test_two_daemons_share_a_cache),
 		cmocka_unit_test(test_a_cache_that_cannot_be_is_a_warning),
 		cmocka_unit_test(test_no_cache_keeps_nothing),
-		cmocka_unit_test(test_kernels_come_out_of_a_filled_cache),
+		cmocka_unit_test(test_a_fill_that_fails_is_not_tried_again),
+		cmocka_unit_test(test_the_daemon_fills_its_cache),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

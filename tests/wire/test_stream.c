@@ -43,6 +43,10 @@
 
 #define STREAMS 20
 
+/* Clients that do not read, and places in the queue. */
+#define STALLED 12
+#define PLACES "4"
+
 static const char scene[] = "{\"format\":\"blobfield/1\",\"root\":"
     "{\"type\":\"union\",\"operator\":\"camel\",\"children\":["
     "{\"type\":\"point\",\"center\":[0,0,0],\"radius\":1},"
@@ -699,6 +703,109 @@ static void test_many_streams_at_once(void **state)
 	}
 }
 
+static struct answer ask_with(void **state, const char *query)
+{
+	char path[256];
+
+	snprintf(path, sizeof path, EVAL "%s", query);
+	return ask(state, &(struct sending){path, OCTETS_IN, points, 120, 0,
+	    false, false});
+}
+
+static void check_query(void **state, const char *query, int status,
+    const char *says)
+{
+	struct answer a = ask_with(state, query);
+
+	assert_int_equal(a.status, status);
+	if (strstr(a.body, says) == NULL)
+		fail_msg("'%s' is not in %s", says, a.body);
+	free(a.bytes);
+}
+
+/* Waits until a figure of /v1/info is as given. */
+static void await_figure(void **state, const char *name, long want)
+{
+	for (int i = 0; i < 3000; i++) {
+		if (figure(state, name) == want)
+			return;
+		usleep(10000);
+	}
+	fail_msg("%s does not get to be %ld", name, want);
+}
+
+static void read_huge(int fd)
+{
+	struct answer a = receive(fd);
+
+	assert_int_equal(a.status, 200);
+	assert_int_equal(a.length, HUGE_BYTES);
+	free(a.bytes);
+}
+
+/* Clients that do not read, more of them than there are places in the queue,
+ * keep nobody from being served; what was held for them is given back. */
+static void check_stalled(void **mine)
+{
+	int fds[STALLED];
+
+	for (int i = 0; i < STALLED; i++) {
+		fds[i] = begin_huge(mine, HUGE_PATH);
+		await_input(fds[i]);
+		await_figure(mine, "\"stalled\":", i + 1);
+	}
+	assert_int_equal(figure(mine, "\"running\":"), STALLED);
+	/* Their points, and three pieces of 2 MiB each. */
+	assert_int_equal(figure(mine, "\"held_bytes\":"), STALLED *
+	    (12 * (long)HUGE_COUNT + (6 << 20)));
+	for (int i = 0; i < 20; i++)
+		check_query(mine, i % 2 == 0 ? "?priority=bulk" : "", 200,
+		    "\"count\":10");
+	assert_int_equal(figure(mine, "\"stalled\":"), STALLED);
+	for (int i = 0; i < STALLED; i++) {
+		if (i % 4 == 0)
+			read_huge(fds[i]);
+		else
+			close(fds[i]);
+	}
+	await_figure(mine, "\"held_bytes\":", 0);
+	assert_int_equal(figure(mine, "\"stalled\":"), 0);
+	assert_int_equal(figure(mine, "\"running\":"), 0);
+}
+
+static void test_clients_that_do_not_read_keep_nobody_waiting(void **state)
+{
+	static const char *const arguments[] = {"--no-measure", "--queue",
+	    PLACES, NULL};
+	struct daemon *own = malloc(sizeof *own);
+	void *mine = own;
+
+	(void)state;
+	daemon_start(own, arguments);
+	daemon_await_ready(own);
+	put_scene(own->url);
+	check_stalled(&mine);
+	assert_int_equal(daemon_stop(own, SIGTERM), 0);
+	free(own);
+}
+
+/* Also JSON's, whose rows are there until the last of it has been read. */
+static void test_answers_are_counted_until_they_have_left(void **state)
+{
+	int fd;
+
+	await_figure(state, "\"held_bytes\":", 0);
+	fd = begin(state, &(struct sending){HUGE_PATH, OCTETS_IN, points,
+	    12 * (size_t)HUGE_COUNT, 0, false, false});
+	await_input(fd);
+	await_figure(state, "\"running\":", 0);
+	assert_int_equal(figure(state, "\"held_bytes\":"), HUGE_BYTES);
+	close(fd);
+	await_figure(state, "\"held_bytes\":", 0);
+	check_query(state, "", 200, "\"count\":10");
+	await_figure(state, "\"held_bytes\":", 0);
+}
+
 /* ---- stopping ---- */
 
 static void test_stopping_finishes_a_stream(void **state)
@@ -726,26 +833,6 @@ static void test_stopping_finishes_a_stream(void **state)
 }
 
 /* ---- priority, deadline, timing ---- */
-
-static struct answer ask_with(void **state, const char *query)
-{
-	char path[256];
-
-	snprintf(path, sizeof path, EVAL "%s", query);
-	return ask(state, &(struct sending){path, OCTETS_IN, points, 120, 0,
-	    false, false});
-}
-
-static void check_query(void **state, const char *query, int status,
-    const char *says)
-{
-	struct answer a = ask_with(state, query);
-
-	assert_int_equal(a.status, status);
-	if (strstr(a.body, says) == NULL)
-		fail_msg("'%s' is not in %s", says, a.body);
-	free(a.bytes);
-}
 
 static void test_priorities(void **state)
 {
@@ -859,6 +946,10 @@ int main(void)
 		cmocka_unit_test(test_reader_that_hangs_up),
 		cmocka_unit_test(test_deadline_in_the_middle_of_a_stream),
 		cmocka_unit_test(test_many_streams_at_once),
+		cmocka_unit_test(
+		    test_clients_that_do_not_read_keep_nobody_waiting),
+		cmocka_unit_test(
+		    test_answers_are_counted_until_they_have_left),
 		cmocka_unit_test(test_stopping_finishes_a_stream),
 		cmocka_unit_test(test_priorities),
 		cmocka_unit_test(test_deadlines),
