@@ -235,8 +235,9 @@ static void compose_angle(__global const float *openings,
 		    compose_bend(a, b, u, v, c, cosine)));
 
 	out->gradient = vec3r_scale(share * slope, cosine);
-	/* grad |grad f| = H n, times 0 where neither gradient is nearly null */
-	if (ANY(share < REAL(1.0f))) {
+	/* grad |grad f| = H n, times 0 where neither gradient is nearly null;
+	 * by the slopes, since the shares are rounded to 1 before these are 0 */
+	if (ANY((u->slope > REAL(0.0f)) | (v->slope > REAL(0.0f)))) {
 		p = vec3r_scale(u->slope * v->share,
 		    sym3r_apply(a->hessian, u->n));
 		q = vec3r_scale(v->slope * u->share,

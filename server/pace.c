@@ -7,13 +7,16 @@
 #define DOUBLE_GOOD 1.4
 #define DOUBLE_GUESS 1.3
 
-/* Such a piece may take this times what the least takes in any case. */
+/* Such a piece may take this times what the least takes in any case, if that
+ * takes no longer than so many seconds. */
 #define LONGEST_OF_LEAST 1.5
+#define LEAST_AT_MOST 0.1
 
-/* One launch may have been held up: it does not raise a time further at once. */
+/* One launch may have been held up: no more of its time counts, half with what
+ * was known. */
 #define RISE_MOST 2.0
 
-/* Launches of other sizes after which a time is forgotten, so that a size is
+/* Launches of smaller sizes after which a time is forgotten, so that a size is
  * tried again whose one launch was held up. */
 #define AGE_MOST 64
 
@@ -32,24 +35,24 @@ static int index_of(size_t points)
 	return k;
 }
 
-static void grow_old(struct pace *p, int but)
+/* Larger sizes than k, that is: what smaller ones take stays known, to compare
+ * with. */
+static void grow_old(struct pace *p, int k)
 {
-	for (int i = 0; i < PACE_SIZES; i++) {
-		if (i == but || p->seconds[i] <= 0.0f)
-			continue;
-		if (++p->age[i] > AGE_MOST)
+	for (int i = k + 1; i < PACE_SIZES; i++)
+		if (p->seconds[i] > 0.0f && ++p->age[i] > AGE_MOST)
 			p->seconds[i] = 0.0f;
-	}
 }
 
-void pace_learn(struct pace *p, size_t points, double seconds)
+void pace_learn(struct pace *p, size_t points, double seconds, bool gains)
 {
 	int k = index_of(points);
-	double now = seconds * (double)size_of(k) / (double)points;
-	double before = (double)p->seconds[k];
+	double share = (double)size_of(k) / (double)points;
+	double before = (double)p->seconds[k], now;
 
 	if (points < PACE_LEAST || !(seconds > 0.0))
 		return;
+	now = seconds * (gains ? pow(share, log2(DOUBLE_GUESS)) : share);
 	if (before > 0.0)
 		now = 0.5 * (before + fmin(now, RISE_MOST * before));
 	p->seconds[k] = (float)now;
@@ -57,16 +60,27 @@ void pace_learn(struct pace *p, size_t points, double seconds)
 	grow_old(p, k);
 }
 
-/* Seconds of a launch of size k; known: the greatest size that is. */
+/*
+ * Seconds of a launch of size k; known: the greatest size that is. Between two
+ * that are known, each size takes as many times what the one below does; below
+ * the least, half of what the next does.
+ */
 static double guess(const struct pace *p, int k, int known)
 {
-	int i = k;
+	int low = k, high = k;
 
 	if (k > known)
 		return guess(p, known, known) * pow(DOUBLE_GUESS, k - known);
-	while (p->seconds[i] <= 0.0f)
-		i++;
-	return (double)p->seconds[i] / (double)(1u << (i - k));
+	while (p->seconds[high] <= 0.0f)
+		high++;
+	while (low >= 0 && p->seconds[low] <= 0.0f)
+		low--;
+	if (low < 0)
+		return (double)p->seconds[high] / (double)(1u << (high - k));
+	if (low == high)
+		return (double)p->seconds[k];
+	return (double)p->seconds[low] * pow((double)p->seconds[high] /
+	    (double)p->seconds[low], (double)(k - low) / (high - low));
 }
 
 /* Points that take so long by the time of size k, in whole PACE_LEAST. */
@@ -82,7 +96,8 @@ static size_t part_of(const struct pace *p, int k, int known, double seconds)
 static int stretch(const struct pace *p, int k, int top, int known,
     double longest)
 {
-	longest = fmax(longest, LONGEST_OF_LEAST * guess(p, 0, known));
+	longest = fmax(longest, LONGEST_OF_LEAST *
+	    fmin(guess(p, 0, known), LEAST_AT_MOST));
 	while (k < top && guess(p, k + 1, known) <= longest &&
 	    guess(p, k + 1, known) <= DOUBLE_GOOD * guess(p, k, known))
 		k++;
@@ -92,7 +107,7 @@ static int stretch(const struct pace *p, int k, int top, int known,
 size_t pace_points(const struct pace *p, double seconds, double longest,
     size_t first)
 {
-	int known = PACE_SIZES - 1, top, k = 0, longer;
+	int known = PACE_SIZES - 1, top, k = 0;
 	size_t points;
 
 	while (known >= 0 && p->seconds[known] <= 0.0f)
@@ -104,9 +119,8 @@ size_t pace_points(const struct pace *p, double seconds, double longest,
 	top = known + 1 < PACE_SIZES ? known + 1 : known;
 	while (k < top && guess(p, k + 1, known) <= seconds)
 		k++;
-	longer = longest > 0.0 ? stretch(p, k, top, known, longest) : k;
-	points = size_of(longer);
-	if (longer == k && k < top)
-		points = part_of(p, k, known, seconds);
+	if (longest > 0.0)
+		return size_of(stretch(p, k, top, known, longest));
+	points = k < top ? part_of(p, k, known, seconds) : 0;
 	return points > size_of(k) ? points : size_of(k);
 }

@@ -6,6 +6,7 @@
 #ifndef SERVER_PACE_H
 #define SERVER_PACE_H
 
+#include <stdbool.h>
 #include <stddef.h>
 
 /* Sizes that are told apart: PACE_LEAST points, twice as many ... */
@@ -16,12 +17,12 @@
 /* Zeroed: nothing is known. */
 struct pace {
 	float seconds[PACE_SIZES]; /* of a launch of that size; 0: not known */
-	unsigned char age[PACE_SIZES]; /* launches of other sizes since */
+	unsigned char age[PACE_SIZES]; /* launches of smaller sizes since */
 };
 
-/* A launch of so many points took so long; fewer than PACE_LEAST say
- * nothing. */
-void pace_learn(struct pace *p, size_t points, double seconds);
+/* A launch of so many points took so long; fewer than PACE_LEAST say nothing.
+ * gains: of a program of which more points take less time each. */
+void pace_learn(struct pace *p, size_t points, double seconds, bool gains);
 
 /*
  * The size of a piece, PACE_LEAST to PACE_MOST, that takes about so many

@@ -60,6 +60,11 @@ static struct pace *pace_of(const struct job *job)
 	return &job->program->pace[output_order(job->outputs)];
 }
 
+static bool is_long(const struct job *job)
+{
+	return job->program->tape->insn_count > PIECE_LONG_TAPE;
+}
+
 /* Points of job's program that take about so many seconds, or of a long tape up
  * to `longest` if it gains by that. */
 static size_t points_in(const struct job *job, double seconds, double longest)
@@ -67,7 +72,7 @@ static size_t points_in(const struct job *job, double seconds, double longest)
 	size_t insns = job->program->tape->insn_count;
 
 	return pace_points(pace_of(job), seconds,
-	    insns > PIECE_LONG_TAPE ? longest : 0.0,
+	    is_long(job) ? longest : 0.0,
 	    min_size(PIECE_FIRST, PIECE_WORK / (insns + 1)));
 }
 
@@ -203,7 +208,7 @@ static void note_launch(struct scheduler *s, struct job *const *jobs,
 {
 	enum job_priority priority = jobs[0]->priority;
 
-	pace_learn(pace_of(jobs[0]), points, seconds);
+	pace_learn(pace_of(jobs[0]), points, seconds, is_long(jobs[0]));
 	account(s, priority, seconds);
 	pthread_mutex_lock(&s->lock);
 	s->stats.launches++;

@@ -25,7 +25,7 @@ static size_t settle(struct pace *p, int count,
 
 		assert_in_range(n, PACE_LEAST, PACE_MOST);
 		assert_int_equal(n % PACE_LEAST, 0);
-		pace_learn(p, n, took((double)n));
+		pace_learn(p, n, took((double)n), true);
 	}
 	return pace_points(p, TARGET, LONGEST, FIRST);
 }
@@ -40,6 +40,12 @@ static double take_evenly(double points)
 static double take_long(double points)
 {
 	return 0.02 * pow(points / 4096.0, 0.25);
+}
+
+/* Less long: 12 ms, and 1.3 times that at twice as many. */
+static double take_less(double points)
+{
+	return 0.012 * pow(points / 4096.0, 0.4);
 }
 
 /* Nothing can be culled: 40 ms at 4,096. */
@@ -90,6 +96,23 @@ static void test_pace_of_long_tapes_is_larger(void **state)
 	assert_true(take_long((double)settle(&p, 5, take_long)) <= 0.031);
 }
 
+/* ... also when the times of smaller ones are old, and batches of any size come
+ * between. */
+static void test_pace_of_long_tapes_stays_large(void **state)
+{
+	struct pace p = {{0.0f}, {0}};
+
+	(void)state;
+	for (int i = 0; i < 500; i++) {
+		size_t n = pace_points(&p, 0.02, 0.1, 8192);
+
+		if (i > 20)
+			assert_true(n >= 65536);
+		pace_learn(&p, n, take_less((double)n), true);
+		pace_learn(&p, 7900, take_less(7900.0), true);
+	}
+}
+
 static void test_pace_of_heavy_work_stays_small(void **state)
 {
 	struct pace p = {{0.0f}, {0}};
@@ -104,7 +127,7 @@ static void test_pace_of_short_tapes_goes_by_the_target(void **state)
 	struct pace p = {{0.0f}, {0}};
 
 	(void)state;
-	pace_learn(&p, PACE_LEAST, 0.02);
+	pace_learn(&p, PACE_LEAST, 0.02, false);
 	assert_int_equal(pace_points(&p, TARGET, LONGEST, FIRST),
 	    2 * PACE_LEAST);
 	assert_int_equal(pace_points(&p, TARGET, 0.0, FIRST), PACE_LEAST);
@@ -118,9 +141,9 @@ static void test_pace_recovers(void **state)
 	(void)state;
 	settle(&p, 20, take_lightly);
 	for (int i = 0; i < PACE_SIZES; i++)
-		pace_learn(&p, PACE_LEAST << i, 10.0);
+		pace_learn(&p, PACE_LEAST << i, 10.0, true);
 	assert_int_equal(settle(&p, 200, take_lightly), PACE_MOST);
-	pace_learn(&p, 1, 10.0); /* says nothing */
+	pace_learn(&p, 1, 10.0, true); /* says nothing */
 	assert_int_equal(pace_points(&p, TARGET, LONGEST, FIRST), PACE_MOST);
 }
 
@@ -131,6 +154,7 @@ int main(void)
 		cmocka_unit_test(test_pace_of_even_work_meets_the_target),
 		cmocka_unit_test(test_pace_of_light_work_is_all_there_can_be),
 		cmocka_unit_test(test_pace_of_long_tapes_is_larger),
+		cmocka_unit_test(test_pace_of_long_tapes_stays_large),
 		cmocka_unit_test(test_pace_of_heavy_work_stays_small),
 		cmocka_unit_test(test_pace_of_short_tapes_goes_by_the_target),
 		cmocka_unit_test(test_pace_recovers),

@@ -308,7 +308,7 @@ static void teach_pace(struct program *program)
 	size_t orders = sizeof program->pace / sizeof *program->pace;
 
 	for (size_t i = 0; i < orders; i++)
-		pace_learn(&program->pace[i], PIECE, PACE * PIECE);
+		pace_learn(&program->pace[i], PIECE, PACE * PIECE, false);
 }
 
 static void set_up(struct bed *bed, size_t queue)
