@@ -48,9 +48,10 @@ static void start(struct daemon *d, const char *const *arguments)
 	daemon_await_ready(d);
 }
 
+/* With what status it ends is test_shutdown's matter. */
 static void stop(struct daemon *d)
 {
-	assert_int_equal(daemon_stop(d, SIGTERM), 0);
+	daemon_stop(d, SIGTERM);
 }
 
 /* The answer to body; free it. */
