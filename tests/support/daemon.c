@@ -121,18 +121,26 @@ void daemon_await_ready(struct daemon *d)
 	fail_msg("the daemon does not get ready");
 }
 
+/* The exit status that waitpid's says, or -1, told why. */
+static int status_of(int status)
+{
+	if (WIFEXITED(status))
+		return WEXITSTATUS(status);
+	fprintf(stderr, "the daemon ended by signal %d\n", WTERMSIG(status));
+	return -1;
+}
+
 /* The exit status of pid, or -1; waits for so long. */
 static int await_end(pid_t pid, int seconds)
 {
 	int status;
 
 	for (int i = 0; i < seconds * 100; i++) {
-		pid_t ended = waitpid(pid, &status, WNOHANG);
-
-		if (ended == pid)
-			return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+		if (waitpid(pid, &status, WNOHANG) == pid)
+			return status_of(status);
 		usleep(10000);
 	}
+	fprintf(stderr, "the daemon does not end\n");
 	kill(pid, SIGKILL);
 	waitpid(pid, &status, 0);
 	return -1;
