@@ -35,6 +35,24 @@ header() {
 	tr -d '\r' <"$work/headers" | sed -n "s/^$1: //ip"
 }
 
+# How far a mesh of many cells is, while it is made; which may be over before.
+progress() {
+	token="progress-$$"
+	curl -s --noproxy '*' -H "$json" -d '{"resolution": 256}' -o /dev/null \
+		"$url/v1/scenes/$id/mesh?progress=$token" &
+	made=$!
+	while kill -0 "$made" 2>/dev/null; do
+		sleep 0.1
+		status=$(curl -s --noproxy '*' -o "$work/body" -w '%{http_code}' \
+			"$url/v1/progress/$token")
+		[ "$status" != 200 ] || break
+	done
+	echo "GET /v1/progress/$token -> $status"
+	cat "$work/body"
+	echo
+	wait "$made" || failed=1
+}
+
 printf '{"scene": %s, "points": [[0,0,2.6], [0,0,1.4]]}' \
 	"$(cat "$here/letter-a.json")" >"$work/eval.json"
 # Two points as raw float32: (0,0,0) and (0,0,2).
@@ -52,7 +70,13 @@ cat >"$work/import.json" <<'END'
   "materials": [{"color": "#ff8000"}]}]}
 END
 
+# A ray and a point as raw float32: from (0,-5,0) along (0,1,0); (0,0,2).
+printf '\0\0\0\0\0\0\240\300\0\0\0\0\0\0\0\0\0\0\200\77\0\0\0\0' >"$work/ray"
+
 call 200 GET /
+call 200 GET / -H 'Accept: text/html'
+call 200 GET /web/app.js
+call 200 GET /openapi.json
 call 200 GET /healthz
 call 200 GET /readyz
 call 200 GET /v1/info
@@ -75,6 +99,24 @@ call 200 POST "/v1/scenes/$id/eval?outputs=value&deadline=60" -H "$octets" \
 call 200 GET "/v1/scenes/$id/bounds"
 call 200 POST "/v1/scenes/$id/opening-angle" -H "$json" \
 	-d '{"node": "letter", "point": [0.1, 0, 2.4]}'
+call 200 POST "/v1/scenes/$id/raycast" -H "$json" \
+	-d '{"rays": [[0,-5,2.5, 0,1,0], [0,-5,-3, 0,1,0]]}'
+call 200 POST "/v1/scenes/$id/raycast?iso=0.3" -H "$octets" \
+	-H 'Accept: application/x-npy' --data-binary "@$work/ray"
+call 200 POST "/v1/scenes/$id/project" -H "$json" \
+	-d '{"points": [[0.5,0.25,1.4]], "max_distance": 2}'
+call 200 POST "/v1/scenes/$id/render" -H "$json" \
+	-d '{"width": 64, "height": 48, "shading": "normal", "samples": 1,
+	"camera": {"eye": [1,-6,3], "target": [0,0,1.3]}}'
+call 200 POST "/v1/scenes/$id/slice" -H "$json" \
+	-d '{"width": 64, "height": 64, "levels": {"step": 0.1}}'
+call 200 POST "/v1/scenes/$id/slice" -H "$json" \
+	-H 'Accept: application/x-npy' -d '{"width": 8, "height": 8}'
+for format in glb ply stl obj json; do
+	call 200 POST "/v1/scenes/$id/mesh?format=$format" -H "$json" \
+		-d '{"resolution": 24}'
+done
+progress
 call 204 DELETE "/v1/scenes/$id"
 call 201 POST "/v1/volumes?min=0,0,0&max=3,3,3&kind=field" \
 	-H 'Content-Type: application/x-npy' --data-binary "@$work/grid.npy"
