@@ -14,7 +14,7 @@ V ?=
 FUZZ_SECONDS ?= 60
 # Requests of `make soak`.
 SOAK_REQUESTS ?= 1000000
-# Parts of `make bench`: device scale tables start wire; none: all.
+# Parts of `make bench`: device scale tables mesh wire start; none: all.
 BENCH_PARTS ?=
 
 comma := ,
@@ -22,21 +22,27 @@ B := build$(if $(SAN),/$(subst $(comma),-,$(SAN)))
 Q := $(if $(V),,@)
 VERSION := $(shell sed -n 's/^\#\# \([0-9][0-9.]*\).*/\1/p' CHANGELOG.md | head -1)
 
-PACKAGES := gcc libc6-dev libmicrohttpd-dev libcjson-dev nettle-dev \
-	libxxhash-dev ocl-icd-opencl-dev pocl-opencl-icd
+PACKAGES := gcc libc6-dev libcurl4-openssl-dev libmicrohttpd-dev libcjson-dev nettle-dev \
+	libpng-dev libxxhash-dev ocl-icd-opencl-dev pocl-opencl-icd
 RUN_PACKAGES := curl
-TEST_PACKAGES := libcmocka-dev libcurl4-openssl-dev curl clang \
-	python3-jsonschema
+TEST_PACKAGES := libcmocka-dev curl clang valgrind wrk \
+	python3 python3-jsonschema python3-numpy mypy admesh assimp-utils \
+	chromium
+# Node.js for the previewer's bundle and its tests, from Debian if there is none.
+NODE_PACKAGES = $(if $(shell command -v npm),,nodejs npm)
+BLENDER_PACKAGES := blender python3-numpy
+FIGURE_PACKAGES := python3-numpy python3-matplotlib
 FUZZ_PACKAGES := clang libclang-rt-14-dev python3-jsonschema
 
 WARN := -Wall -Wextra -Wpedantic -Wshadow -Wstrict-prototypes \
-	-Wmissing-prototypes -Wvla -Wpointer-arith -Wwrite-strings
+	-Wmissing-prototypes -Wvla -Wpointer-arith -Wwrite-strings \
+	-Werror=implicit-function-declaration -Werror=int-conversion
 ALL_CFLAGS := -std=c11 -D_GNU_SOURCE -I. -MMD -MP $(WARN) -fno-math-errno \
 	-DBLOBFIELD_VERSION='"$(VERSION)"' -DCL_TARGET_OPENCL_VERSION=120 \
 	$(if $(SAN),-fsanitize=$(SAN) -fno-omit-frame-pointer \
 	-fno-sanitize-recover=all) $(CFLAGS)
 ALL_LDFLAGS := -pthread $(if $(SAN),-fsanitize=$(SAN)) $(LDFLAGS)
-LIBS := -lmicrohttpd -lcjson -lnettle -lOpenCL -lm
+LIBS := -lmicrohttpd -lcjson -lnettle -lpng -lOpenCL -lm
 
 objects = $(patsubst %.c,$(B)/%.o,$(wildcard $(1)/*.c))
 programs = $(patsubst %.c,$(B)/%,$(wildcard tests/$(1)/test_*.c))
@@ -44,11 +50,20 @@ programs = $(patsubst %.c,$(B)/%,$(wildcard tests/$(1)/test_*.c))
 CORE := $(call objects,core)
 PROTO := $(call objects,proto)
 KERNELS := $(call objects,kernels) $(B)/kernels/source.o
-SERVER := $(call objects,server)
+SERVER := $(call objects,server) $(B)/server/assets.o
 SUPPORT := $(B)/tests/support.a
+# The C client: a library, of which only blobfield_* is seen, and the command.
+LIBCLIENT := $(addprefix $(B)/clients/c/,blobfield.o surface.o transfer.o)
+COMMAND := $(filter-out $(LIBCLIENT),$(call objects,clients/c)) \
+	$(addprefix $(B)/proto/,json.o json_place.o arena.o fault.o text.o \
+	number.o number_print.o npy.o)
+CLIENT := $(B)/blobfield $(B)/libblobfield.a
 UNIT := $(call programs,unit)
 DEVICE := $(call programs,device)
 WIRE := $(call programs,wire)
+CLIENTS := $(call programs,clients)
+SCRIPTS := $(wildcard tests/wire/test_*.py tests/clients/test_*.py \
+	tests/clients/test_*.sh tests/web/test_*)
 VERDICTS := $(B)/tests/schema/document_verdicts
 BENCH := $(B)/tests/bench/bench
 SOAK := $(B)/tests/load/soak
@@ -62,15 +77,22 @@ CL := $(addprefix core/,opcode.h tile.h output.h descriptor.h curve.h \
 	warp.cl curve.cl fetch.cl table.cl classic.cl compose.cl surface.cl \
 	interpreter.cl)
 
+# What is compiled into the daemon as it is: server/asset.c.
+ASSETS := $(addprefix clients/web/dist/,index.html app.js app.css) \
+	proto/openapi.json
+
 # Their exit status is none that the daemon or cmocka ends with.
 export ASAN_OPTIONS ?= exitcode=66
 export TSAN_OPTIONS ?= halt_on_error=1:exitcode=66
 export UBSAN_OPTIONS ?= print_stacktrace=1:exitcode=66
 export BLOBFIELDD ?= $(B)/blobfieldd
 export DOCUMENT_VERDICTS ?= $(VERDICTS)
+export BLOBFIELD ?= $(B)/blobfield
+export BLOBFIELD_LIBRARY ?= $(B)/libblobfield.a
+export SAN
 
 .PHONY: all
-all: $(B)/blobfieldd
+all: $(B)/blobfieldd $(CLIENT)
 
 .PHONY: help
 help:
@@ -80,6 +102,11 @@ help:
 	@echo 'make example    the same on a free port, and stop'
 	@echo 'make test       install what is missing, run every test'
 	@echo '                (SAN=address,undefined or SAN=thread: sanitized)'
+	@echo 'make web        bundle the previewer anew (needs Node.js)'
+	@echo 'make test-contract  check the daemon against proto/openapi.json'
+	@echo 'make test-blender   test the add-on in a Blender without a window'
+	@echo 'make blender-addon  build/blobfield_addon.zip, to be installed in Blender'
+	@echo 'make figures    the figures of the paper, through the daemon'
 	@echo 'make bench      measure tables and evaluation'
 	@echo 'make soak       SOAK_REQUESTS=$(SOAK_REQUESTS) small requests; memory must stay'
 	@echo 'make fuzz       run each fuzzer for FUZZ_SECONDS=$(FUZZ_SECONDS)'
@@ -92,13 +119,23 @@ $(B)/blobfieldd: $(SERVER) $(KERNELS) $(PROTO) $(CORE)
 	$(if $(Q),@echo '  LD    $@')
 	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ $(LIBS)
 
+$(B)/libblobfield.a: $(LIBCLIENT)
+	$(if $(Q),@echo '  AR    $@')
+	$(Q)ld -r -o $@.o $^ && \
+	    objcopy -w --keep-global-symbol='blobfield_*' $@.o
+	$(Q)rm -f $@ && ar rcs $@ $@.o && rm -f $@.o
+
+$(B)/blobfield: $(COMMAND) $(B)/libblobfield.a
+	$(if $(Q),@echo '  LD    $@')
+	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcurl -lcjson -lm
+
 $(B)/%.o: %.c
 	$(if $(Q),@echo '  CC    $@')
 	@mkdir -p $(@D)
 	$(Q)$(CC) $(ALL_CFLAGS) -c -o $@ $<
 
 # The version is compiled in.
-$(B)/server/%.o: CHANGELOG.md
+$(B)/server/%.o $(B)/clients/c/%.o: CHANGELOG.md
 
 # The kernels as one C string; #line lets the device's compiler name the files.
 $(B)/kernels/source.c: $(CL) kernels/embed.awk
@@ -109,6 +146,11 @@ $(B)/kernels/source.o: $(B)/kernels/source.c
 	$(if $(Q),@echo '  CC    $@')
 	$(Q)$(CC) $(ALL_CFLAGS) -Wno-overlength-strings -c -o $@ $<
 
+$(B)/server/assets.o: $(ASSETS)
+	$(if $(Q),@echo '  LD    $@')
+	@mkdir -p $(@D)
+	$(Q)ld -r -b binary -z noexecstack -o $@ $(ASSETS)
+
 $(SUPPORT): $(call objects,tests/support)
 	$(Q)rm -f $@ && ar rcs $@ $^
 
@@ -118,7 +160,8 @@ $(B)/tests/unit/test_server_tables: $(addprefix $(B)/,server/tables.o \
 
 # The scheduler, before a device that the test plays.
 $(B)/tests/unit/test_server_scheduler: $(addprefix $(B)/,$(patsubst %.c,%.o,\
-	$(wildcard server/scheduler*.c)) server/program.o server/pace.o \
+	$(wildcard server/scheduler*.c)) server/program.o server/surface.o \
+	server/pace.o \
 	server/tables.o \
 	server/crew.o server/log.o server/table_cache.o kernels/cache_file.o)
 
@@ -130,18 +173,22 @@ $(B)/tests/unit/test_table_cache: $(addprefix $(B)/,server/table_cache.o \
 
 $(UNIT): $(B)/%: $(B)/%.o $(SUPPORT) $(PROTO) $(CORE)
 	$(if $(Q),@echo '  LD    $@')
-	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcmocka -lcjson -lm
+	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcmocka -lcjson -lpng -lm
 
 $(DEVICE): $(B)/%: $(B)/%.o $(SUPPORT) $(KERNELS) $(PROTO) $(CORE)
 	$(if $(Q),@echo '  LD    $@')
-	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcmocka -lcjson -lOpenCL -lm
+	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcmocka -lcjson -lpng -lOpenCL -lm
 
 $(BENCH): $(call objects,tests/bench) $(SUPPORT) $(KERNELS) $(PROTO) $(CORE)
 	$(if $(Q),@echo '  LD    $@')
 	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lmicrohttpd -lcmocka -lcurl -lcjson \
-	    -lOpenCL -lm
+	    -lpng -lOpenCL -lm
 
 $(WIRE): $(B)/%: $(B)/%.o $(SUPPORT) $(PROTO) $(CORE)
+	$(if $(Q),@echo '  LD    $@')
+	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcmocka -lcurl -lcjson -lpng -lm
+
+$(CLIENTS): $(B)/%: $(B)/%.o $(SUPPORT) $(B)/libblobfield.a
 	$(if $(Q),@echo '  LD    $@')
 	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcmocka -lcurl -lcjson -lm
 
@@ -151,7 +198,7 @@ $(SOAK): $(B)/%: $(B)/%.o $(SUPPORT)
 
 $(VERDICTS): $(B)/%: $(B)/%.o $(PROTO) $(CORE)
 	$(if $(Q),@echo '  LD    $@')
-	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcjson -lm
+	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcjson -lpng -lm
 
 # --- packages ---------------------------------------------------------------
 
@@ -168,21 +215,28 @@ define install_packages
 		apt-get install -y -q --no-install-recommends $$missing; }
 endef
 
-.PHONY: packages-run packages-test packages-fuzz
+.PHONY: packages-run packages-test packages-fuzz packages-blender \
+	packages-figures
 packages-run:
 	$(call install_packages,$(PACKAGES) $(RUN_PACKAGES))
 
 packages-test:
-	$(call install_packages,$(PACKAGES) $(TEST_PACKAGES))
+	$(call install_packages,$(PACKAGES) $(TEST_PACKAGES) $(NODE_PACKAGES))
 
 packages-fuzz:
 	$(call install_packages,$(PACKAGES) $(FUZZ_PACKAGES))
+
+packages-blender:
+	$(call install_packages,$(PACKAGES) $(BLENDER_PACKAGES))
+
+packages-figures:
+	$(call install_packages,$(PACKAGES) $(FIGURE_PACKAGES))
 
 # --- running ----------------------------------------------------------------
 
 .PHONY: run
 run: packages-run
-	@$(MAKE) --no-print-directory $(B)/blobfieldd
+	@$(MAKE) --no-print-directory all
 	@clients/curl/run.sh $(B)/blobfieldd --listen $(LISTEN)
 
 .PHONY: example
@@ -194,9 +248,58 @@ example: packages-run
 
 .PHONY: test
 test: packages-test
-	@$(MAKE) --no-print-directory -j2 $(B)/blobfieldd $(UNIT) $(DEVICE) \
-	    $(WIRE) $(VERDICTS) check-kernels
-	@tests/run.sh $(UNIT) tests/schema/test_schema.py $(DEVICE) $(WIRE)
+	@$(MAKE) --no-print-directory -j2 $(B)/blobfieldd $(CLIENT) $(UNIT) \
+	    $(DEVICE) $(WIRE) $(CLIENTS) $(VERDICTS) $(WEB_STAMP) \
+	    check-kernels
+	@tests/run.sh $(UNIT) tests/schema/test_schema.py $(DEVICE) $(WIRE) \
+	    $(CLIENTS) $(SCRIPTS)
+
+# What the previewer is bundled and tested with, of the lockfile's versions.
+WEB_STAMP := clients/web/node_modules/.package-lock.json
+$(WEB_STAMP): clients/web/package-lock.json
+	$(if $(Q),@echo '  NPM   clients/web')
+	$(Q)cd clients/web && npm ci --ignore-scripts --no-audit --no-fund \
+	    --loglevel=error
+	@touch $@
+
+# The previewer's bundle, which is kept in the repository.
+.PHONY: web
+web: $(WEB_STAMP)
+	@cd clients/web && npm run --silent build
+
+# The contract: proto/openapi.json linted and compared with the daemon, and all
+# wire tests through a proxy that judges every exchange by it.
+.PHONY: test-contract
+test-contract: packages-test
+	@$(MAKE) --no-print-directory -j2 $(B)/blobfieldd $(CLIENT) $(WIRE) \
+	    $(CLIENTS)
+	@cd tests/contract && \
+	    { [ node_modules/.package-lock.json -nt package-lock.json ] || \
+	    npm ci --ignore-scripts --no-audit --no-fund; }
+	@tests/run.sh tests/contract/test_contract.mjs
+	@tests/contract/run.sh $(WIRE) $(CLIENTS)
+
+# The add-on, with the Python client inside.
+$(B)/blobfield_addon.zip: clients/blender/make_zip.py LICENSE \
+	$(wildcard clients/blender/blobfield_addon/*.py \
+	clients/python/blobfield/*)
+	@mkdir -p $(@D)
+	$(Q)clients/blender/make_zip.py $@.part && mv $@.part $@
+
+.PHONY: blender-addon
+blender-addon: $(B)/blobfield_addon.zip
+	@echo $<
+
+.PHONY: test-blender
+test-blender: packages-blender
+	@$(MAKE) --no-print-directory -j2 $(B)/blobfieldd blender-addon
+	@tests/run.sh tests/blender/test_addon.sh
+
+# The paper's figures, computed through the daemon.
+.PHONY: figures
+figures: packages-figures
+	@$(MAKE) --no-print-directory -j2 $(B)/blobfieldd
+	@clients/figures/figures.py
 
 # The kernels' syntax at every width, with no device.
 .PHONY: check-kernels
@@ -235,24 +338,34 @@ build/fuzz/%: tests/fuzz/%.c $(wildcard core/*.[ch] proto/*.[ch])
 	@mkdir -p $(@D)
 	$(Q)clang -std=c11 -D_GNU_SOURCE -I. -O1 -g -fno-math-errno \
 	    -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=undefined \
-	    -o $@ $< $(wildcard core/*.c proto/*.c) -lcjson -lm
+	    -o $@ $< $(wildcard core/*.c proto/*.c) -lcjson -lpng -lm
 
 # --- the rest ---------------------------------------------------------------
 
 # What the README's links lead to, at the same places below it.
 DOCS := README.md LICENSE CHANGELOG.md core/README.md proto/README.md \
-	proto/DOCUMENT.md proto/document.schema.json tests/bench/RESULTS.md
+	proto/DOCUMENT.md proto/document.schema.json proto/openapi.json \
+	tests/bench/RESULTS.md clients/c/README.md clients/python/README.md \
+	clients/blender/README.md clients/curl/letter-a.json
 
 .PHONY: install
-install: $(B)/blobfieldd
+install: all
 	install -D -m 755 $(B)/blobfieldd $(DESTDIR)$(PREFIX)/bin/blobfieldd
+	install -D -m 755 $(B)/blobfield $(DESTDIR)$(PREFIX)/bin/blobfield
+	install -D -m 644 clients/c/blobfield.h \
+	    $(DESTDIR)$(PREFIX)/include/blobfield.h
+	install -D -m 644 $(B)/libblobfield.a \
+	    $(DESTDIR)$(PREFIX)/lib/libblobfield.a
 	for f in $(DOCS); do \
 		install -D -m 644 $$f $(DESTDIR)$(PREFIX)/share/doc/blobfield/$$f; \
 	done
 
 .PHONY: uninstall
 uninstall:
-	rm -f $(DESTDIR)$(PREFIX)/bin/blobfieldd
+	rm -f $(DESTDIR)$(PREFIX)/bin/blobfieldd \
+	    $(DESTDIR)$(PREFIX)/bin/blobfield \
+	    $(DESTDIR)$(PREFIX)/include/blobfield.h \
+	    $(DESTDIR)$(PREFIX)/lib/libblobfield.a
 	rm -rf $(DESTDIR)$(PREFIX)/share/doc/blobfield
 
 .PHONY: clean

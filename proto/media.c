@@ -13,18 +13,42 @@ static const char *const names[MEDIA_COUNT] = {
 	[MEDIA_JSON] = "application/json",
 	[MEDIA_OCTETS] = "application/octet-stream",
 	[MEDIA_NPY] = "application/x-npy",
+	[MEDIA_PNG] = "image/png",
+	[MEDIA_GLB] = "model/gltf-binary",
+	[MEDIA_PLY] = "application/x-ply",
+	[MEDIA_STL] = "model/stl",
+	[MEDIA_OBJ] = "model/obj",
+	[MEDIA_HTML] = "text/html",
+	[MEDIA_SCRIPT] = "text/javascript",
+	[MEDIA_STYLE] = "text/css",
+	[MEDIA_SVG] = "image/svg+xml",
 	[MEDIA_PROBLEM] = "application/problem+json",
 };
 
-/* What is negotiated, in the order of preference. */
-static const enum media_type offered[] = {MEDIA_JSON, MEDIA_OCTETS, MEDIA_NPY};
+/* Of bodies of points, and of their answers. */
+#define POINTS_MASK (1u << MEDIA_JSON | 1u << MEDIA_OCTETS | 1u << MEDIA_NPY)
 
-#define OFFERED (sizeof offered / sizeof *offered)
+/* What can be negotiated: all before this one, in the order of preference. */
+#define OFFERED MEDIA_PROBLEM
 
 const char *media_name(enum media_type type)
 {
 	return (unsigned)type < MEDIA_COUNT ? names[type] :
 	    "application/octet-stream";
+}
+
+const char *media_content_type(enum media_type type)
+{
+	switch (type) {
+	case MEDIA_HTML:
+		return "text/html; charset=utf-8";
+	case MEDIA_SCRIPT:
+		return "text/javascript; charset=utf-8";
+	case MEDIA_STYLE:
+		return "text/css; charset=utf-8";
+	default:
+		return media_name(type);
+	}
 }
 
 static const char *skip_space(const char *p)
@@ -91,7 +115,7 @@ bool media_from_content_type(const char *value, enum media_type *out)
 {
 	char type[WORD_MAX], name[WORD_MAX], parameter[WORD_MAX];
 	const char *p, *next;
-	size_t n, i;
+	size_t n;
 
 	p = value ? skip_space(value) : "";
 	n = token_span(p);
@@ -104,11 +128,12 @@ bool media_from_content_type(const char *value, enum media_type *out)
 	}
 	if (*skip_space(p))
 		return false;
-	for (i = 0; i < OFFERED; i++) {
-		if (strcasecmp(type, names[offered[i]]) == 0) {
-			*out = offered[i];
-			return true;
-		}
+	for (int i = 0; i < OFFERED; i++) {
+		if ((POINTS_MASK >> i & 1) == 0 ||
+		    strcasecmp(type, names[i]) != 0)
+			continue;
+		*out = (enum media_type)i;
+		return true;
 	}
 	return false;
 }
@@ -158,7 +183,7 @@ static const char *read_range(const char *p,
 	char range[WORD_MAX], name[WORD_MAX], value[WORD_MAX];
 	const char *next;
 	int quality = 1000, fits;
-	size_t n, i;
+	size_t n;
 
 	p = skip_space(p);
 	n = token_span(p);
@@ -170,34 +195,40 @@ static const char *read_range(const char *p,
 	p = skip_space(p);
 	if (*p && *p != ',')
 		quality = -1;
-	for (i = 0; i < OFFERED && quality >= 0; i++) {
-		fits = range_fits(range, names[offered[i]]);
+	for (int i = 0; i < OFFERED && quality >= 0; i++) {
+		fits = range_fits(range, names[i]);
 		if (fits > preferences[i].fits)
 			preferences[i] = (struct preference){fits, quality};
 	}
 	return p + strcspn(p, ",");
 }
 
-bool media_from_accept(const char *value, enum media_type *out)
+bool media_choose(const char *value, unsigned mask, enum media_type first,
+    enum media_type *out)
 {
 	struct preference preferences[OFFERED] = {{0, 0}};
 	int best = 0;
-	size_t i;
 
-	if (!value || !*skip_space(value)) {
-		*out = MEDIA_JSON;
-		return true;
-	}
+	if (!value || !*skip_space(value))
+		value = "*/*";
 	for (;; value++) {
 		value = read_range(value, preferences);
 		if (!*value)
 			break;
 	}
-	for (i = 0; i < OFFERED; i++) {
-		if (preferences[i].quality > best) {
-			best = preferences[i].quality;
-			*out = offered[i];
-		}
+	for (int i = 0; i < OFFERED; i++) {
+		int quality = preferences[i].quality;
+
+		if ((mask >> i & 1) == 0 || quality < best || quality == 0 ||
+		    (quality == best && i != (int)first))
+			continue;
+		best = quality;
+		*out = (enum media_type)i;
 	}
 	return best > 0;
+}
+
+bool media_from_accept(const char *value, enum media_type *out)
+{
+	return media_choose(value, POINTS_MASK, MEDIA_JSON, out);
 }

@@ -18,11 +18,24 @@ enum media_type {
 	MEDIA_JSON,    /* application/json */
 	MEDIA_OCTETS,  /* application/octet-stream */
 	MEDIA_NPY,     /* application/x-npy */
-	MEDIA_PROBLEM, /* application/problem+json */
+	MEDIA_PNG,     /* image/png */
+	MEDIA_GLB,     /* model/gltf-binary */
+	MEDIA_PLY,     /* application/x-ply */
+	MEDIA_STL,     /* model/stl */
+	MEDIA_OBJ,     /* model/obj */
+	MEDIA_HTML,    /* text/html */
+	MEDIA_SCRIPT,  /* text/javascript */
+	MEDIA_STYLE,   /* text/css */
+	MEDIA_SVG,     /* image/svg+xml */
+	MEDIA_PROBLEM, /* application/problem+json: never negotiated */
 	MEDIA_COUNT
 };
 
 const char *media_name(enum media_type type);
+
+/* The same for Content-Type: texts that browsers read say that they are
+ * UTF-8. */
+const char *media_content_type(enum media_type type);
 
 /*
  * A Content-Type to a media type; parameters are ignored but for a charset,
@@ -37,6 +50,13 @@ bool media_from_content_type(const char *value, enum media_type *out);
  * means any. False: none is acceptable.
  */
 bool media_from_accept(const char *value, enum media_type *out);
+
+/*
+ * The same among the types of mask (1u << MEDIA_*); ties, NULL and "" go to
+ * first, if the mask has it, then in the enum's order.
+ */
+bool media_choose(const char *value, unsigned mask, enum media_type first,
+    enum media_type *out);
 
 /*
  * "value,gradient" to OUTPUT_* bits (core/output.h). NULL means the

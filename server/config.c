@@ -111,6 +111,22 @@ static bool read_queue(const char *value, struct config *config,
 	return read_size(value, &config->queue, why);
 }
 
+/* Each is a thread. */
+#define TASKS_MOST 64
+
+static bool read_tasks(const char *value, struct config *config,
+    const char **why)
+{
+	size_t tasks;
+
+	if (!read_size(value, &tasks, why) || tasks > TASKS_MOST) {
+		*why = "a whole number from 1 to 64";
+		return false;
+	}
+	config->tasks = tasks;
+	return true;
+}
+
 static bool read_device(const char *value, struct config *config,
     const char **why)
 {
@@ -260,6 +276,8 @@ static const struct option options[] = {
 	{"scene-memory", "BYTES", read_scene_memory,
 	    "most memory for the scenes kept (1G)"},
 	{"queue", "N", read_queue, "most evaluations waiting (256)"},
+	{"tasks", "N", read_tasks,
+	    "most meshes, pictures and the like made at a time (2)"},
 	{"device", "SELECT", read_device,
 	    "OpenCL device: an index of --list-devices or part of a name"},
 	{"width", "N", read_width,
@@ -378,6 +396,7 @@ static void set_defaults(struct config *config)
 		.max_scenes = 1024,
 		.scene_memory = (size_t)1 << 30,
 		.queue = 256,
+		.tasks = 2,
 		.layout = LAYOUT_WARPED,
 		.measure = true,
 		.log_level = LOG_INFO,

@@ -21,6 +21,7 @@ struct config {
 	size_t max_scenes;
 	size_t scene_memory;      /* bytes of all scenes: texts and tapes */
 	size_t queue;             /* evaluations waiting at most */
+	size_t tasks;             /* meshes, pictures, rays at a time */
 	struct device_options device; /* select points into argv, cache to
 	                               * the member below */
 	char cache[CACHE_FOLDER_MAX]; /* a folder; "": nothing is kept */

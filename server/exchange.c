@@ -196,7 +196,7 @@ void exchange_reply_data(struct exchange *x, unsigned status,
 	if (response == NULL)
 		free(data);
 	reply(x, status, response, length);
-	exchange_add_header(x, "Content-Type", media_name(type));
+	exchange_add_header(x, "Content-Type", media_content_type(type));
 }
 
 void exchange_reply_json(struct exchange *x, unsigned status,
@@ -255,7 +255,7 @@ void exchange_reply_two(struct exchange *x, enum media_type type,
 		free(data);
 	}
 	reply(x, MHD_HTTP_OK, response, header_length + length);
-	exchange_add_header(x, "Content-Type", media_name(type));
+	exchange_add_header(x, "Content-Type", media_content_type(type));
 }
 
 void exchange_reply_borrowed(struct exchange *x, unsigned status,
@@ -270,7 +270,7 @@ void exchange_reply_borrowed(struct exchange *x, unsigned status,
 	if (response == NULL)
 		release(owner);
 	reply(x, status, response, length);
-	exchange_add_header(x, "Content-Type", media_name(type));
+	exchange_add_header(x, "Content-Type", media_content_type(type));
 }
 
 /* The time that it waited is not the client's. */
@@ -302,7 +302,7 @@ void exchange_reply_stream(struct exchange *x, enum media_type type,
 	reply(x, MHD_HTTP_OK, MHD_create_response_from_callback(
 	    stream->has_length ? stream->length : MHD_SIZE_UNKNOWN,
 	    HTTP_STREAM_BLOCK, read_stream, x, NULL), stream->length);
-	exchange_add_header(x, "Content-Type", media_name(type));
+	exchange_add_header(x, "Content-Type", media_content_type(type));
 }
 
 void exchange_reply_empty(struct exchange *x, unsigned status)

@@ -2,6 +2,8 @@
 
 #include <cjson/cJSON.h>
 
+#include "server/asset.h"
+#include "server/asset_reply.h"
 #include "server/clock.h"
 #include "server/config.h"
 #include "server/evaluation.h"
@@ -11,9 +13,10 @@
 #include "server/scene_store.h"
 #include "server/scheduler.h"
 #include "server/server.h"
+#include "server/task.h"
 #include "server/volume_store.h"
 
-void handle_index(struct exchange *x)
+static void reply_index(struct exchange *x)
 {
 	cJSON *json = cJSON_CreateObject();
 	cJSON *list;
@@ -32,6 +35,21 @@ void handle_index(struct exchange *x)
 		cJSON_AddItemToArray(list, item);
 	}
 	exchange_reply_json(x, 200, json);
+}
+
+/* Browsers, which ask for HTML first of all, get the previewer. */
+void handle_index(struct exchange *x)
+{
+	enum media_type type = MEDIA_JSON;
+	struct asset page;
+
+	if (media_choose(exchange_header(x, "Accept"), 1u << MEDIA_JSON |
+	    1u << MEDIA_HTML, MEDIA_JSON, &type) && type == MEDIA_HTML &&
+	    asset_find("index.html", &page))
+		asset_reply(x, &page);
+	else
+		reply_index(x);
+	exchange_add_header(x, "Vary", "Accept");
 }
 
 static void add_device(cJSON *json, const struct device_info *device)
@@ -74,6 +92,8 @@ static void add_limits(cJSON *json, const struct config *config)
 	cJSON_AddNumberToObject(limits, "volume_memory",
 	    (double)config->device.volume_bytes);
 	cJSON_AddNumberToObject(limits, "queue", (double)config->queue);
+	cJSON_AddNumberToObject(limits, "tasks", (double)config->tasks);
+	cJSON_AddNumberToObject(limits, "tasks_waiting", TASKS_WAITING);
 	cJSON_AddNumberToObject(limits, "interactive_points",
 	    EVALUATION_SMALL_POINTS);
 	cJSON_AddNumberToObject(limits, "whole_answer",
@@ -112,6 +132,20 @@ static void add_queue(cJSON *json, const struct scheduler_stats *stats)
 	    (double)stats->held_bytes);
 }
 
+static void add_tasks(cJSON *json, const struct server *server)
+{
+	cJSON *tasks = cJSON_AddObjectToObject(json, "tasks");
+	struct tasks_stats stats;
+
+	tasks_get_stats(server->tasks, &stats);
+	cJSON_AddNumberToObject(tasks, "running", (double)stats.running);
+	cJSON_AddNumberToObject(tasks, "waiting", (double)stats.waiting);
+	cJSON_AddNumberToObject(tasks, "completed", (double)stats.completed);
+	cJSON_AddNumberToObject(tasks, "expired", (double)stats.expired);
+	cJSON_AddNumberToObject(tasks, "abandoned", (double)stats.abandoned);
+	cJSON_AddNumberToObject(tasks, "held_bytes", (double)stats.held_bytes);
+}
+
 static void add_volumes(cJSON *json, const struct server *server)
 {
 	cJSON *volumes = cJSON_AddObjectToObject(json, "volumes");
@@ -141,6 +175,7 @@ void handle_info(struct exchange *x)
 	add_limits(json, server->config);
 	add_tables(json, &stats, server->config);
 	add_queue(json, &stats);
+	add_tasks(json, server);
 	cJSON_AddNumberToObject(json, "scenes",
 	    (double)scene_store_count(server->scenes));
 	add_volumes(json, server);

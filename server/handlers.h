@@ -26,6 +26,26 @@ void handle_scene_eval(struct exchange *x);
 /* handle_scene_bounds.c */
 void handle_scene_bounds(struct exchange *x);
 
+/* handle_raycast.c */
+void handle_raycast(struct exchange *x);
+
+/* handle_project.c */
+void handle_project(struct exchange *x);
+
+/* handle_picture.c */
+void handle_render(struct exchange *x);
+void handle_slice(struct exchange *x);
+
+/* handle_mesh.c */
+void handle_mesh(struct exchange *x);
+
+/* handle_progress.c */
+void handle_progress(struct exchange *x);
+
+/* handle_asset.c */
+void handle_web(struct exchange *x);
+void handle_contract(struct exchange *x);
+
 /* handle_opening_angle.c */
 void handle_opening_angle(struct exchange *x);
 

@@ -26,6 +26,7 @@
 #include "server/server.h"
 #include "server/table_cache.h"
 #include "server/tables.h"
+#include "server/task.h"
 #include "server/volume_store.h"
 
 /* How long a drain may take before what is left is given up. */
@@ -217,13 +218,22 @@ static bool is_drained(struct server *server, double *idle_since)
 {
 	double now = clock_seconds();
 
-	if (!scheduler_is_idle(server->scheduler) ||
+	if (!tasks_are_idle(server->tasks) ||
+	    !scheduler_is_idle(server->scheduler) ||
 	    http_owed(server->http) > 0) {
 		*idle_since = now;
 		return false;
 	}
 	return http_active(server->http) == 0 ||
 	    now - *idle_since > LINGER_SECONDS;
+}
+
+/* Has the scheduler refuse new evaluations, once no task is left that needs
+ * them. */
+static void drain_scheduler(struct server *server)
+{
+	if (tasks_are_idle(server->tasks))
+		scheduler_drain(server->scheduler);
 }
 
 /* Finishes what runs and what is queued. A signal after a while ends it at
@@ -235,12 +245,14 @@ static void drain(struct server *server, const struct ears *ears)
 	log_write(LOG_INFO, "draining");
 	atomic_store(&server->draining, true);
 	http_quiesce(server->http);
-	scheduler_drain(server->scheduler);
+	tasks_drain(server->tasks);
+	drain_scheduler(server);
 	orders_drain(server->orders);
 	while (!is_drained(server, &idle_since)) {
 		double seconds;
 		bool told = listen_for(ears, 20) == TOLD_TO_STOP;
 
+		drain_scheduler(server);
 		seconds = clock_seconds() - begin;
 		if (seconds > STALL_SECONDS)
 			http_cut_stalled(server->http, STALL_SECONDS);
@@ -315,21 +327,26 @@ static enum err start(struct daemon *d, char url[static HTTP_URL_MAX])
 		err = orders_create(server->tables,
 		    config->device.table_bytes, &server->orders);
 	if (err == ERR_OK)
+		err = tasks_create(config->tasks, &server->tasks);
+	if (err == ERR_OK)
 		err = http_start(server->http);
 	return err;
 }
 
 /*
- * In this order: nothing may wait when HTTP stops, HTTP's exchanges and the
- * scenes hold programs, and programs hold tables.
+ * In this order: tasks ask the scheduler, nothing may wait when HTTP stops,
+ * HTTP's exchanges and the scenes hold programs, and programs hold tables.
  */
 static void stop(struct server *server)
 {
+	if (server->tasks != NULL)
+		tasks_stop(server->tasks);
 	if (server->scheduler != NULL)
 		scheduler_stop(server->scheduler);
 	if (server->orders != NULL)
 		orders_stop(server->orders);
 	http_stop(server->http);
+	tasks_free(server->tasks);
 	scene_store_free(server->scenes);
 	volume_store_free(server->volumes);
 	if (server->tables != NULL)

@@ -9,6 +9,7 @@
 #include "core/opening_table.h"
 #include "core/tape.h"
 #include "core/table.h"
+#include "server/surface.h"
 #include "server/tables.h"
 
 /* That an operator of the program has this table. */
@@ -164,6 +165,8 @@ enum err program_create(struct tables *tables, struct tape *tape,
 		program->entry_count++;
 	}
 	err = share_tables(tables, program, table_bytes_most);
+	if (err == ERR_OK)
+		err = surface_create(tape, &program->surface);
 	if (err != ERR_OK)
 		goto fail;
 	program->bytes = count_bytes(tape);
@@ -193,6 +196,7 @@ void program_free(struct tables *tables, struct program *program)
 	}
 	free(program->drafts);
 	free(program->entries);
+	surface_free(program->surface);
 	tape_free(program->tape);
 	free(program);
 }

@@ -20,6 +20,7 @@
 #define PROGRAM_ORDERS 3
 
 struct device_tape;
+struct surface;
 struct table_entry;
 struct tables;
 struct tape;
@@ -32,6 +33,7 @@ struct program {
 	 * none. */
 	struct table_entry **drafts;
 	size_t entry_count;
+	struct surface *surface;      /* the tape's: any thread */
 	size_t bytes;                 /* see program_bytes */
 	struct program *dead_next;    /* the scheduler's */
 	/* device thread only: */

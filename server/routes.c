@@ -45,6 +45,27 @@ static const struct route routes[] = {
 	{"POST", "/v1/scenes/{id}/opening-angle", "", true, NULL, false,
 	    handle_opening_angle, "how far a union is to open for its blend "
 	    "to end at a point: {node, point, children}"},
+	{"POST", "/v1/scenes/{id}/raycast", " deadline progress iso max_distance "
+	    "tolerance", true, NULL, false, handle_raycast,
+	    "where rays meet its surface: {rays, iso, max_distance}"},
+	{"POST", "/v1/scenes/{id}/project", " deadline progress iso max_distance",
+	    true, NULL, false, handle_project,
+	    "points onto its surface, along the gradient: {points, iso}"},
+	{"POST", "/v1/scenes/{id}/render", " deadline progress", true, NULL,
+	    false, handle_render, "a picture of its surface, PNG: {width, "
+	    "height, camera, shading}"},
+	{"POST", "/v1/scenes/{id}/slice", " deadline progress outputs", true,
+	    NULL, false, handle_slice, "its field in a plane, PNG or npy: "
+	    "{center, normal, width, height, levels}"},
+	{"POST", "/v1/scenes/{id}/mesh", " deadline progress format", true,
+	    NULL, false, handle_mesh, "its surface as triangles, GLB, PLY, "
+	    "STL, OBJ: {resolution, bounds, iso}"},
+	{"GET", "/v1/progress/{id}", "", false, NULL, true, handle_progress,
+	    "how far the request with that ?progress= is"},
+	{"GET", "/web/{id}", "", false, NULL, false, handle_web,
+	    "the previewer's files"},
+	{"GET", "/openapi.json", "", false, NULL, false, handle_contract,
+	    "this protocol as OpenAPI 3.1"},
 	{"GET", "/v1/volumes", "", false, NULL, false, handle_volumes_list,
 	    "the sampled fields that documents may name"},
 	{"POST", "/v1/volumes", " min max kind", true, NULL, false,

@@ -12,6 +12,7 @@ struct orders;
 struct scene_store;
 struct scheduler;
 struct tables;
+struct tasks;
 struct volume_store;
 
 struct server {
@@ -21,6 +22,7 @@ struct server {
 	struct scheduler *scheduler;
 	struct scene_store *scenes;
 	struct volume_store *volumes;
+	struct tasks *tasks;
 	struct http *http;
 	double started;       /* clock_seconds */
 	atomic_bool draining; /* no new work; connections close after an answer */

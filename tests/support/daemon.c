@@ -83,6 +83,37 @@ static int read_line(int fd, char *line, int size, int timeout_ms)
 	return 0;
 }
 
+/* The URL that is the last word of the first line from d's proxy. */
+static void read_proxy_url(struct daemon *d)
+{
+	char line[256];
+	const char *url;
+
+	if (!read_line(d->proxy_out, line, sizeof line, 30000) ||
+	    (url = strstr(line, "http://")) == NULL)
+		fail_msg("the proxy's first line is '%s'", line);
+	snprintf(d->url, sizeof d->url, "%s", url);
+}
+
+static void start_proxy(struct daemon *d)
+{
+	int ends[2];
+
+	assert_int_equal(pipe(ends), 0);
+	d->proxy = fork();
+	assert_true(d->proxy >= 0);
+	if (d->proxy == 0) {
+		prctl(PR_SET_PDEATHSIG, SIGTERM);
+		dup2(ends[1], STDOUT_FILENO);
+		execl("/bin/sh", "sh", "-c", "exec $BLOBFIELD_PROXY \"$0\"",
+		    d->url, (char *)NULL);
+		_exit(127);
+	}
+	close(ends[1]);
+	d->proxy_out = ends[0];
+	read_proxy_url(d);
+}
+
 void daemon_start(struct daemon *d, const char *const *arguments)
 {
 	static const char prefix[] = "blobfieldd listening on ";
@@ -103,6 +134,9 @@ void daemon_start(struct daemon *d, const char *const *arguments)
 	    strncmp(line, prefix, strlen(prefix)) != 0)
 		fail_msg("the daemon's first line is '%s'", line);
 	snprintf(d->url, sizeof d->url, "%s", line + strlen(prefix));
+	d->proxy = 0;
+	if (getenv("BLOBFIELD_PROXY") != NULL)
+		start_proxy(d);
 	assert_int_equal(sscanf(d->url, "http://127.0.0.1:%d", &d->port), 1);
 	assert_true(d->port > 0);
 }
@@ -146,14 +180,24 @@ static int await_end(pid_t pid, int seconds)
 	return -1;
 }
 
+static int stop_proxy(struct daemon *d)
+{
+	if (d->proxy == 0)
+		return 0;
+	kill(d->proxy, SIGTERM);
+	close(d->proxy_out);
+	return await_end(d->proxy, 30);
+}
+
 int daemon_stop(struct daemon *d, int signal_number)
 {
-	int status;
+	int status, proxy_status;
 
 	kill(d->pid, signal_number);
 	status = await_end(d->pid, 120);
 	close(d->out);
-	return status;
+	proxy_status = stop_proxy(d);
+	return status != 0 ? status : proxy_status;
 }
 
 int daemon_run(const char *const *arguments, char *output, int size)

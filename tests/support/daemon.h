@@ -13,13 +13,17 @@ struct daemon {
 	int out;                  /* its stdout */
 	char url[DAEMON_URL_MAX]; /* "http://127.0.0.1:PORT" */
 	int port;
+	pid_t proxy;              /* before it; 0: none */
+	int proxy_out;
 };
 
 /*
  * Starts $BLOBFIELDD, else the blobfieldd two folders above the test program,
  * with --no-cache --listen 127.0.0.1:0 --quiet and arguments (NULL-terminated; NULL:
  * none), and reads the address off its first line. Fails the running test if
- * that takes longer than 10 s.
+ * that takes longer than 10 s. If BLOBFIELD_PROXY is set in the environment,
+ * "$BLOBFIELD_PROXY URL" is started before it, and d has that one's address:
+ * the last word of its first line.
  */
 void daemon_start(struct daemon *d, const char *const *arguments);
 
@@ -27,7 +31,8 @@ void daemon_start(struct daemon *d, const char *const *arguments);
 void daemon_await_ready(struct daemon *d);
 
 /* Sends signal_number and waits for the end; returns its exit status, or -1 if it
- * was killed or has not ended after two minutes. */
+ * was killed or has not ended after two minutes. A proxy is then ended, too, by
+ * SIGTERM; its status is returned if the daemon's is 0. */
 int daemon_stop(struct daemon *d, int signal_number);
 
 /*

@@ -76,7 +76,7 @@ static double await_waiting(const char *url, int waiting)
 	double begin = seconds();
 	char want[32];
 
-	snprintf(want, sizeof want, "\"waiting\":%d,", waiting);
+	snprintf(want, sizeof want, "\"queue\":{\"waiting\":%d,", waiting);
 	while (seconds() - begin < 10.0) {
 		struct http_reply reply;
 		int found;
