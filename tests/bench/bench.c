@@ -41,6 +41,7 @@ static const struct part parts[] = {
 	{"device", bench_device, false},
 	{"scale", bench_scale, false},
 	{"tables", bench_tables, false},
+	{"mesh", bench_mesh, false},
 	{"wire", bench_wire, false},
 	{"start", bench_start, false},
 	{"specialised", bench_specialised, true},

@@ -88,6 +88,7 @@ void bench_slots(const struct tape *tape, enum bench_mode mode, int *slots);
 void bench_device(bool quick);
 void bench_scale(bool quick);
 void bench_tables(bool quick);
+void bench_mesh(bool quick);
 void bench_start(bool quick);
 
 /* Kernels generated for a scene, and tables of other sizes, as parts of their own: not part of a usual run. */

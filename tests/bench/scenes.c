@@ -34,13 +34,12 @@ static void begin(struct scene *s, const char *name, int nodes)
 	append(s, "{\"format\":\"blobfield/1\",\"root\":");
 }
 
-static void end(struct scene *s)
+static void parse(struct scene *s)
 {
 	const struct document_limits limits = {.max_nodes = 100000,
 	    .layout = LAYOUT_WARPED};
 	struct faults faults = {0};
 
-	append(s, "}");
 	if (document_parse(s->text, s->length, &limits, &s->document,
 	    &faults)) {
 		fprintf(stderr, "%s: %s %s\n", s->name, faults.list[0].pointer,
@@ -48,6 +47,32 @@ static void end(struct scene *s)
 		abort();
 	}
 	s->tape = document_tape(s->document);
+}
+
+static void end(struct scene *s)
+{
+	append(s, "}");
+	parse(s);
+}
+
+void scene_file(struct scene *s, const char *path)
+{
+	const char *base = strrchr(path, '/');
+	FILE *file = fopen(path, "rb");
+	long size;
+
+	*s = (struct scene){0};
+	if (file == NULL || fseek(file, 0, SEEK_END) != 0 ||
+	    (size = ftell(file)) < 0)
+		abort();
+	rewind(file);
+	snprintf(s->name, sizeof(s->name), "%s", base != NULL ? base + 1 : path);
+	s->text = calloc((size_t)size + 1, 1);
+	if (s->text == NULL)
+		abort();
+	s->length = fread(s->text, 1, (size_t)size, file);
+	fclose(file);
+	parse(s);
 }
 
 void scene_fini(struct scene *s)

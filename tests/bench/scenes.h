@@ -37,6 +37,9 @@ void scene_mixed(struct scene *s, int count);
 /* Three segments under camel: the letter A. */
 void scene_letter(struct scene *s);
 
+/* The document in the file at path. */
+void scene_file(struct scene *s, const char *path);
+
 void scene_fini(struct scene *s);
 
 /* Orders of a batch's points. */
