@@ -49,5 +49,6 @@ if [ -n "$once" ]; then
 	exit
 fi
 echo
-echo "Serving on $url; Ctrl-C stops it. Try: curl $url/v1/info"
+echo "Serving on $url: open it in a browser, or try: curl $url/v1/info"
+echo "Ctrl-C stops it."
 wait "$daemon"
