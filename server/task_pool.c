@@ -102,15 +102,16 @@ static enum err work_on(struct task *task)
 	return verdict != ERR_OK ? verdict : err;
 }
 
-/* The next to do of those that wait, small ones first; or the end of the list:
- * there is none. Locked. */
+/* The first of those that wait, or the first small one; or the end of the list:
+ * there is none. Only the thread of small ones passes large ones by, so that
+ * these are not starved however many small ones come. Locked. */
 static struct task **next_task(struct tasks *t, bool small_only)
 {
 	struct task **at = &t->first;
 
-	while (*at != NULL && !(*at)->is_small)
+	while (small_only && *at != NULL && !(*at)->is_small)
 		at = &(*at)->next;
-	return *at != NULL || small_only ? at : &t->first;
+	return at;
 }
 
 /* Waits for a task: NULL once stopping. Locked. */
