@@ -1,18 +1,18 @@
 #!/bin/sh
 # Runs cmocka programs, shows what failed, and counts cases:
 #   tests/run.sh PROGRAM...
-# The last line is "N passed, N failed", and ", N skipped" if any were; the exit
-# status is 0 if none failed. A case that skips itself says why in a line
-# "skipped: WHY".
-passed=0
-failed=0
-skipped=0
-log=$(mktemp)
-trap 'rm -f "$log"' EXIT
+# As many at a time as $TEST_JOBS says (the processors there are). The last line
+# is "N passed, N failed", and ", N skipped" if any were; the exit status is 0 if
+# none failed. A case that skips itself says why in a line "skipped: WHY".
 
-for program in "$@"; do
+# One program: its counts to a file in folder $1, and a block on stdout, written
+# at once.
+run_one() {
+	folder=$1
+	program=$2
+	log=$(mktemp "$folder/log.XXXXXX")
 	begin=$(date +%s)
-	"$program" >"$log" 2>&1
+	"$program" >"$log" 2>&1 </dev/null
 	status=$?
 	ok=$(grep -c '^\[       OK \]' "$log")
 	run=$(grep -c '^\[ RUN      \]' "$log")
@@ -27,16 +27,43 @@ for program in "$@"; do
 		"$log"; }; then
 		bad=1
 	fi
+	echo "$ok $bad $skip" >"$log.count"
+	{
+		printf '  %-6s %s: %d of %d, %d s\n' \
+			"$([ "$bad" -eq 0 ] && echo ok || echo FAIL)" \
+			"${program#build/}" "$ok" "$((ok + bad + skip))" \
+			"$(($(date +%s) - begin))"
+		# What tests measure is worth reading also when they pass.
+		sed -n -e 's/^measured: /         /p' \
+			-e 's/^skipped: /         &/p' "$log"
+		[ "$bad" -eq 0 ] || sed 's/^/    /' "$log"
+	} >"$log.block"
+	cat "$log.block"
+	rm -f "$log" "$log.block"
+}
+
+if [ "$1" = --one ]; then
+	run_one "$2" "$3"
+	exit 0
+fi
+
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+printf '%s\n' "$@" |
+	xargs -n 1 -P "${TEST_JOBS:-$(nproc)}" "$0" --one "$folder"
+
+passed=0
+failed=0
+skipped=0
+for count in "$folder"/*.count; do
+	read -r ok bad skip <"$count"
 	passed=$((passed + ok))
 	failed=$((failed + bad))
 	skipped=$((skipped + skip))
-	printf '  %-6s %s: %d of %d, %d s\n' \
-		"$([ "$bad" -eq 0 ] && echo ok || echo FAIL)" "${program#build/}" \
-		"$ok" "$((ok + bad + skip))" "$(($(date +%s) - begin))"
-	# What tests measure is worth reading also when they pass.
-	sed -n -e 's/^measured: /         /p' -e 's/^skipped: /         &/p' "$log"
-	[ "$bad" -eq 0 ] || sed 's/^/    /' "$log"
 done
+# One that did not even get to count has failed.
+missing=$(($# - $(find "$folder" -name '*.count' | wc -l)))
+failed=$((failed + missing))
 printf '%d passed, %d failed' "$passed" "$failed"
 [ "$skipped" -eq 0 ] || printf ', %d skipped' "$skipped"
 echo
