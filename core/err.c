@@ -15,6 +15,7 @@ static const char *const messages[ERR_COUNT] = {
 	[ERR_DEVICE_BUILD] = "device compiler failure",
 	[ERR_DEVICE_MEMORY] = "out of device memory",
 	[ERR_IO] = "input/output failure",
+	[ERR_UNAVAILABLE] = "the store is away",
 };
 
 const char *err_message(enum err err)

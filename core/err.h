@@ -21,6 +21,7 @@ enum err {
 	ERR_DEVICE_BUILD,/* the device's compiler refused a kernel */
 	ERR_DEVICE_MEMORY,/* the device, or our share of it, is full */
 	ERR_IO,          /* a system call failed */
+	ERR_UNAVAILABLE, /* a disk or a server that this needs is away: try again */
 	ERR_COUNT        /* number of values above; not an error */
 };
 

@@ -23,6 +23,10 @@ static const char *const names[MEDIA_COUNT] = {
 	[MEDIA_STYLE] = "text/css",
 	[MEDIA_SVG] = "image/svg+xml",
 	[MEDIA_PROBLEM] = "application/problem+json",
+	[MEDIA_JSON_PATCH] = "application/json-patch+json",
+	[MEDIA_MERGE_PATCH] = "application/merge-patch+json",
+	[MEDIA_EVENTS] = "text/event-stream",
+	[MEDIA_METRICS] = "text/plain",
 };
 
 /* Of bodies of points, and of their answers. */
@@ -44,6 +48,8 @@ const char *media_content_type(enum media_type type)
 		return "text/html; charset=utf-8";
 	case MEDIA_SCRIPT:
 		return "text/javascript; charset=utf-8";
+	case MEDIA_METRICS:
+		return "text/plain; version=0.0.4; charset=utf-8";
 	case MEDIA_STYLE:
 		return "text/css; charset=utf-8";
 	default:

@@ -27,7 +27,11 @@ enum media_type {
 	MEDIA_SCRIPT,  /* text/javascript */
 	MEDIA_STYLE,   /* text/css */
 	MEDIA_SVG,     /* image/svg+xml */
-	MEDIA_PROBLEM, /* application/problem+json: never negotiated */
+	MEDIA_PROBLEM, /* application/problem+json: never negotiated, as below */
+	MEDIA_JSON_PATCH,  /* application/json-patch+json */
+	MEDIA_MERGE_PATCH, /* application/merge-patch+json */
+	MEDIA_EVENTS,      /* text/event-stream */
+	MEDIA_METRICS,     /* text/plain, of Prometheus */
 	MEDIA_COUNT
 };
 
