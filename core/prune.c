@@ -440,7 +440,7 @@ void prune_operands(const struct prune_list *from, const struct tape_box *box,
 	s.end = s.jets;
 	s.warp = s.warps;
 	s.chain = from->index ? from->index->chains : NULL;
-	s.chains_end = s.chain + (s.chain ? from->index->chain_count : 0);
+	s.chains_end = s.chain ? s.chain + from->index->chain_count : NULL;
 	for (size_t i = 0; i < from->count;) {
 		size_t next;
 

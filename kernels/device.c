@@ -35,12 +35,13 @@ static bool is_width(int width)
 	    width == 16;
 }
 
-static bool is_cpu(cl_device_id id)
+static enum err get_type(struct device *d, cl_device_type *out)
 {
-	cl_device_type type = 0;
+	cl_int code = clGetDeviceInfo(d->id, CL_DEVICE_TYPE, sizeof(*out), out,
+	    NULL);
 
-	clGetDeviceInfo(id, CL_DEVICE_TYPE, sizeof(type), &type, NULL);
-	return (type & CL_DEVICE_TYPE_CPU) != 0;
+	return code == CL_SUCCESS ? ERR_OK :
+	    device_fail(&d->failure, "clGetDeviceInfo", code);
 }
 
 /* Whether kernels and the host may share memory without maps: OpenCL 2's
@@ -59,8 +60,12 @@ static bool has_shared(cl_device_id id, const char *version)
 static enum err choose(struct device *d, const struct device_options *options,
     enum device_memory memory)
 {
-	bool cpu = is_cpu(d->id);
+	cl_device_type type = 0;
+	enum err err = get_type(d, &type);
+	bool cpu = (type & CL_DEVICE_TYPE_CPU) != 0;
 
+	if (err)
+		return err;
 	d->info.width = options->width ? options->width : cpu ? 16 : 1;
 	if (!is_width(d->info.width))
 		return device_refuse(&d->failure, ERR_INVALID,
@@ -87,7 +92,10 @@ static enum err create_queue(struct device *d)
 	d->context = clCreateContext(NULL, 1, &d->id, NULL, NULL, &code);
 	if (!d->context)
 		return device_fail(&d->failure, "clCreateContext", code);
-	d->queue = clCreateCommandQueue(d->context, d->id, 0, &code);
+	/* Only where copies overlap with what the host does can it not tell
+	 * itself when a kernel began. */
+	d->queue = clCreateCommandQueue(d->context, d->id, d->has_shared ? 0 :
+	    CL_QUEUE_PROFILING_ENABLE, &code);
 	if (!d->queue)
 		return device_fail(&d->failure, "clCreateCommandQueue", code);
 	return ERR_OK;
@@ -236,6 +244,9 @@ void device_close(struct device *d)
 {
 	if (!d)
 		return;
+	/* What runs reads and writes what is freed below. */
+	if (d->queue)
+		clFinish(d->queue);
 	device_store_fini(&d->tables);
 	device_volumes_fini(&d->volumes);
 	device_workspace_fini(d, &d->work);

@@ -129,6 +129,20 @@ void device_drop_tape(struct device *d, struct device_tape *t);
 /* Bytes that t takes on the device and, for culling, on the host. */
 size_t device_tape_bytes(const struct device_tape *t);
 
+/*
+ * Seconds of the last device_evaluate or
+ * device_evaluate_parts, all its pieces together. A device that shares the host's
+ * memory has its points and rows copied only where they are few, or are of
+ * several parts.
+ */
+struct device_times {
+	double upload;   /* tiles made, points copied */
+	double kernel;   /* from there to its end, queueing it included; where
+	                  * points are copied, by the device's clock */
+	double download; /* rows copied to the caller's */
+};
+const struct device_times *device_get_times(const struct device *d);
+
 /* One of several batches that go through the device together; see
  * device_evaluate. */
 struct device_part {

@@ -8,6 +8,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "core/opcode.h"
 #include "core/output.h"
@@ -62,6 +63,63 @@ struct ground {
 static size_t min_size(size_t a, size_t b)
 {
 	return a < b ? a : b;
+}
+
+/* --- times ------------------------------------------------------------------ */
+
+static double seconds(void)
+{
+	struct timespec now;
+
+	clock_gettime(CLOCK_MONOTONIC, &now);
+	return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+/* What has passed since the last lap is of that sum. */
+static void lap(struct device *d, double *sum)
+{
+	double now = seconds();
+
+	*sum += now - d->mark;
+	d->mark = now;
+}
+
+/* Seconds for which the kernel that has ended ran, by the device's clock; or
+ * `most`, where it does not say. */
+static double kernel_seconds(cl_event ran, double most)
+{
+	cl_ulong begin = 0, end = 0;
+	double nanoseconds;
+
+	if (clGetEventProfilingInfo(ran, CL_PROFILING_COMMAND_START,
+	    sizeof(begin), &begin, NULL) != CL_SUCCESS ||
+	    clGetEventProfilingInfo(ran, CL_PROFILING_COMMAND_END,
+	    sizeof(end), &end, NULL) != CL_SUCCESS || end < begin)
+		return most;
+	nanoseconds = (double)(end - begin);
+	return 1e-9 * nanoseconds < most ? 1e-9 * nanoseconds : most;
+}
+
+static void forget_kernel(struct device *d)
+{
+	if (d->ran)
+		clReleaseEvent(d->ran);
+	d->ran = NULL;
+}
+
+/* The kernel queued has ended. What passed before it began, where points are
+ * copied, is of the copies, which may still have been on their way. */
+static void lap_kernel(struct device *d)
+{
+	double begin = d->mark, kernel;
+
+	lap(d, &d->times.kernel);
+	if (!d->ran)
+		return;
+	kernel = kernel_seconds(d->ran, d->mark - begin);
+	d->times.kernel += kernel - (d->mark - begin);
+	d->times.upload += d->mark - begin - kernel;
+	forget_kernel(d);
 }
 
 /* --- arguments -------------------------------------------------------------- */
@@ -131,10 +189,22 @@ static enum err launch(struct device *d, const struct launch *l,
 	device_area_set(l->kernel, &next, &g->rows, &code);
 	if (code != CL_SUCCESS)
 		return device_fail(&d->failure, "clSetKernelArg", code);
+	lap(d, &d->times.upload);
 	code = clEnqueueNDRangeKernel(d->queue, l->kernel, 1, NULL, &items,
-	    &d->group, 0, NULL, NULL);
+	    &d->group, 0, NULL, d->has_shared ? NULL : &d->ran);
 	if (code != CL_SUCCESS)
 		return device_fail(&d->failure, "clEnqueueNDRangeKernel", code);
+	return ERR_OK;
+}
+
+/* Waits for the kernel queued. */
+static enum err finish(struct device *d)
+{
+	cl_int code = clFinish(d->queue);
+
+	lap_kernel(d);
+	if (code != CL_SUCCESS)
+		return device_fail(&d->failure, "clFinish", code);
 	return ERR_OK;
 }
 
@@ -265,8 +335,8 @@ static enum err prepare(struct device *d, struct device_tape *t,
 
 /* --- a piece in the caller's memory ----------------------------------------- */
 
-/* Waits until mapping a buffer has put its rows into the host's memory. */
-static enum err await_rows(struct device *d, cl_mem rows, size_t size)
+/* Mapping a buffer puts its rows into the host's memory. */
+static enum err map_rows(struct device *d, cl_mem rows, size_t size)
 {
 	cl_int code;
 	void *at = clEnqueueMapBuffer(d->queue, rows, CL_TRUE, CL_MAP_READ, 0,
@@ -305,7 +375,11 @@ static enum err run_in_place(struct device *d, struct device_tape *t,
 	if (!err)
 		err = launch(d, l, &g, tiles_count(piece->count));
 	if (!err)
-		err = await_rows(d, g.rows.buffer, row_size);
+		err = finish(d);
+	if (!err)
+		err = map_rows(d, g.rows.buffer, row_size);
+	if (err)
+		clFinish(d->queue); /* as in run_staged */
 	if (g.rows.buffer)
 		clReleaseMemObject(g.rows.buffer);
 	if (g.points.buffer)
@@ -344,30 +418,33 @@ static enum err send_points(struct device *d, const struct piece *piece,
 	return device_area_send(d, &area, piece->count * 3 * sizeof(float));
 }
 
-/* Waits for the rows, and has them at `at` on the host. */
+/* Has the rows of a kernel that has ended at `at` on the host. */
 static enum err fetch_rows(struct device *d, const struct piece *piece,
     void *at)
 {
 	const struct device_area *area = &d->work.rows;
-	cl_int code = area->buffer ? clEnqueueReadBuffer(d->queue,
-	    area->buffer, CL_TRUE, 0, piece->count * piece->stride *
-	    sizeof(float), at, 0, NULL, NULL) : clFinish(d->queue);
+	cl_int code = CL_SUCCESS;
 
+	if (area->buffer)
+		code = clEnqueueReadBuffer(d->queue, area->buffer, CL_TRUE, 0,
+		    piece->count * piece->stride * sizeof(float), at, 0, NULL,
+		    NULL);
 	if (code == CL_SUCCESS)
 		return ERR_OK;
-	return device_fail(&d->failure, area->buffer ? "clEnqueueReadBuffer" :
-	    "clFinish", code);
+	return device_fail(&d->failure, "clEnqueueReadBuffer", code);
 }
 
 /* Gives every part its rows. */
 static enum err deliver(struct device *d, const struct piece *piece)
 {
 	const char *at = d->work.rows.at;
-	enum err err;
+	enum err err = finish(d);
 
+	if (!err)
+		err = fetch_rows(d, piece, is_direct(d, piece) ?
+		    piece->parts[0].rows : d->work.rows.at);
 	if (is_direct(d, piece))
-		return fetch_rows(d, piece, piece->parts[0].rows);
-	err = fetch_rows(d, piece, d->work.rows.at);
+		return err;
 	for (size_t i = 0; !err && i < piece->part_count; i++) {
 		const struct device_part *part = piece->parts + i;
 		size_t size = part->count * piece->stride * sizeof(float);
@@ -398,9 +475,10 @@ static enum err run_staged(struct device *d, struct device_tape *t,
 		err = launch(d, l, &(struct ground){w->points, w->rows},
 		    tiles_count(piece->count));
 	if (!err)
-		return deliver(d, piece);
-	/* What was queued reads what the caller may free. */
-	clFinish(d->queue);
+		err = deliver(d, piece);
+	/* What was queued uses what the caller may free, or use again. */
+	if (err)
+		clFinish(d->queue);
 	return err;
 }
 
@@ -409,10 +487,16 @@ static enum err run_staged(struct device *d, struct device_tape *t,
 static enum err run(struct device *d, struct device_tape *t,
     const struct launch *l, const struct piece *piece)
 {
-	if (d->reads_host && piece->part_count == 1 &&
-	    piece->count > STAGED_POINTS)
-		return run_in_place(d, t, l, piece);
-	return run_staged(d, t, l, piece);
+	bool in_place = d->reads_host && piece->part_count == 1 &&
+	    piece->count > STAGED_POINTS;
+	enum err err;
+
+	d->mark = seconds();
+	err = in_place ? run_in_place(d, t, l, piece) :
+	    run_staged(d, t, l, piece);
+	lap(d, &d->times.download);
+	forget_kernel(d);
+	return err;
 }
 
 /* The most points of a piece that is to end in time: who asks for that and knows
@@ -459,6 +543,7 @@ enum err device_evaluate(struct device *d, struct device_tape *t,
 	enum err err = check(d, outputs);
 	struct launch l;
 
+	d->times = (struct device_times){0};
 	if (!err)
 		err = set_tape(d, t, outputs, &l);
 	for (size_t done = 0; !err && done < count; done += n) {
@@ -485,6 +570,7 @@ enum err device_evaluate_parts(struct device *d, struct device_tape *t,
 	enum err err = check(d, outputs);
 	struct launch l;
 
+	d->times = (struct device_times){0};
 	for (size_t i = 0; !err && i < part_count; i++) {
 		if (parts[i].count > DEVICE_PARTS_POINTS - piece.count)
 			return device_refuse(&d->failure, ERR_INVALID,
@@ -496,4 +582,9 @@ enum err device_evaluate_parts(struct device *d, struct device_tape *t,
 		return err;
 	err = set_tape(d, t, outputs, &l);
 	return err ? err : run(d, t, &l, &piece);
+}
+
+const struct device_times *device_get_times(const struct device *d)
+{
+	return &d->times;
 }

@@ -90,7 +90,6 @@ enum err device_fail(struct device_failure *failure, const char *call,
 	case CL_OUT_OF_HOST_MEMORY:
 		return ERR_MEMORY;
 	case CL_MEM_OBJECT_ALLOCATION_FAILURE:
-	case CL_OUT_OF_RESOURCES:
 	case CL_INVALID_BUFFER_SIZE:
 		return ERR_DEVICE_MEMORY;
 	default:

@@ -134,6 +134,9 @@ struct device {
 	struct device_crew *crew; /* NULL until used */
 	struct device_store tables;
 	struct device_volumes volumes;
+	struct device_times times; /* of the last call */
+	double mark;           /* what they are measured from, seconds */
+	cl_event ran;          /* the kernel queued, or NULL */
 };
 
 struct device_tape {
@@ -154,7 +157,8 @@ const char *device_code_name(cl_int code);
 
 /*
  * Puts "call: name" into failure and returns the err of code: out of memory is
- * ERR_DEVICE_MEMORY or ERR_MEMORY, all else ERR_DEVICE.
+ * ERR_DEVICE_MEMORY or ERR_MEMORY, all else ERR_DEVICE; CL_OUT_OF_RESOURCES,
+ * too, which NVIDIA's driver says of a kernel that it had to stop.
  */
 enum err device_fail(struct device_failure *failure, const char *call,
     cl_int code);

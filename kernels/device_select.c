@@ -15,6 +15,9 @@
 	"cache directory (POCL_CACHE_DIR, else XDG_CACHE_HOME/pocl, else " \
 	"~/.cache/pocl) must be writable, or it shows no device"
 
+/* CL_PLATFORM_NOT_FOUND_KHR of cl_khr_icd. */
+#define NO_PLATFORM (-1001)
+
 /* Every device of every platform, in order. */
 struct found {
 	cl_device_id ids[DEVICES_MAX];
@@ -41,6 +44,8 @@ static enum err find(struct found *found, struct device_failure *failure)
 	if (code == CL_SUCCESS)
 		for (cl_uint i = 0; i < count && i < PLATFORMS_MAX; i++)
 			find_on_platform(platforms[i], found);
+	if (found->count == 0 && code != CL_SUCCESS && code != NO_PLATFORM)
+		return device_fail(failure, "clGetPlatformIDs", code);
 	if (found->count == 0)
 		return device_refuse(failure, ERR_NOT_FOUND, NOTHING_FOUND);
 	return ERR_OK;

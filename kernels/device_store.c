@@ -70,12 +70,17 @@ void device_arena_give(struct device_arena *arena, struct device_span span)
 	    (arena->count - i) * sizeof(*arena->spans));
 }
 
-static size_t limit(cl_device_id id, cl_device_info what, size_t least)
+/* A limit of the device, and at least `least`. */
+static enum err get_limit(struct device *d, cl_device_info what, size_t least,
+    size_t *out)
 {
 	cl_ulong value = 0; /* wide enough for size_t as well */
+	cl_int code = clGetDeviceInfo(d->id, what, sizeof(value), &value, NULL);
 
-	clGetDeviceInfo(id, what, sizeof(value), &value, NULL);
-	return value < least ? least : (size_t)value;
+	if (code != CL_SUCCESS)
+		return device_fail(&d->failure, "clGetDeviceInfo", code);
+	*out = value < least ? least : (size_t)value;
+	return ERR_OK;
 }
 
 static enum err create_arena(struct device *d, size_t bytes)
@@ -126,12 +131,14 @@ static enum err create_atlas(struct device *d, size_t depth, cl_mem *out)
 static enum err create_atlases(struct device *d, size_t bytes)
 {
 	struct device_store *t = &d->tables;
-	size_t deepest = limit(d->id, CL_DEVICE_IMAGE3D_MAX_DEPTH, 2) / 2;
-	enum err err;
+	size_t deepest = 0;
+	enum err err = get_limit(d, CL_DEVICE_IMAGE3D_MAX_DEPTH, 2, &deepest);
 
+	if (err)
+		return err;
 	t->depth = bytes / SLICE_BYTES;
-	if (t->depth > deepest)
-		t->depth = deepest;
+	if (t->depth > deepest / 2)
+		t->depth = deepest / 2;
 	if (t->depth < 2)
 		t->depth = 2;
 	t->most = t->depth * SLICE_BYTES;
@@ -147,9 +154,12 @@ static enum err create_atlases(struct device *d, size_t bytes)
 enum err device_store_init(struct device *d, size_t bytes)
 {
 	struct device_store *t = &d->tables;
-	size_t most = limit(d->id, CL_DEVICE_MAX_MEM_ALLOC_SIZE, 1 << 20);
-	enum err err;
+	size_t most = 0;
+	enum err err = get_limit(d, CL_DEVICE_MAX_MEM_ALLOC_SIZE, 1 << 20,
+	    &most);
 
+	if (err)
+		return err;
 	if (bytes > most)
 		bytes = most;
 	if (bytes < CURVE_SHARE * sizeof(float))
