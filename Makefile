@@ -4,6 +4,10 @@ CC ?= cc
 CFLAGS ?= -O2 -g
 PREFIX ?= /usr/local
 DESTDIR ?=
+SYSCONFDIR ?= $(if $(filter /usr,$(PREFIX)),/etc,$(PREFIX)/etc)
+MANDIR ?= $(PREFIX)/share/man
+UNITDIR ?= $(PREFIX)/lib/systemd/system
+SYSUSERSDIR ?= $(PREFIX)/lib/sysusers.d
 # Where `make run` listens.
 LISTEN ?= 127.0.0.1:7878
 # SAN=address,undefined or SAN=thread builds and tests with sanitizers.
@@ -22,16 +26,21 @@ B := build$(if $(SAN),/$(subst $(comma),-,$(SAN)))
 Q := $(if $(V),,@)
 VERSION := $(shell sed -n 's/^\#\# \([0-9][0-9.]*\).*/\1/p' CHANGELOG.md | head -1)
 
-PACKAGES := gcc libc6-dev libcurl4-openssl-dev libmicrohttpd-dev libcjson-dev nettle-dev \
-	libpng-dev libxxhash-dev ocl-icd-opencl-dev pocl-opencl-icd
+PACKAGES := gcc libc6-dev libcurl4-openssl-dev libmicrohttpd-dev \
+	libcjson-dev nettle-dev libgnutls28-dev libhiredis-dev libsqlite3-dev \
+	libsystemd-dev libpng-dev libxxhash-dev ocl-icd-opencl-dev \
+	pocl-opencl-icd
 RUN_PACKAGES := curl
 TEST_PACKAGES := libcmocka-dev curl clang valgrind wrk \
-	python3 python3-jsonschema python3-numpy mypy admesh assimp-utils \
-	chromium
+	python3 python3-jsonschema python3-numpy python3-prometheus-client \
+	mypy admesh assimp-utils chromium redis-server redis-tools haproxy \
+	gnutls-bin mandoc openssl systemd
 # Node.js for the previewer's bundle and its tests, from Debian if there is none.
 NODE_PACKAGES = $(if $(shell command -v npm),,nodejs npm)
 BLENDER_PACKAGES := blender python3-numpy
 FIGURE_PACKAGES := python3-numpy python3-matplotlib
+DEB_PACKAGES := debhelper fakeroot
+PACKAGE_TEST_PACKAGES := debootstrap lintian systemd-container
 FUZZ_PACKAGES := clang libclang-rt-14-dev python3-jsonschema
 
 WARN := -Wall -Wextra -Wpedantic -Wshadow -Wstrict-prototypes \
@@ -42,7 +51,8 @@ ALL_CFLAGS := -std=c11 -D_GNU_SOURCE -I. -MMD -MP $(WARN) -fno-math-errno \
 	$(if $(SAN),-fsanitize=$(SAN) -fno-omit-frame-pointer \
 	-fno-sanitize-recover=all) $(CFLAGS)
 ALL_LDFLAGS := -pthread $(if $(SAN),-fsanitize=$(SAN)) $(LDFLAGS)
-LIBS := -lmicrohttpd -lcjson -lnettle -lpng -lOpenCL -lm
+LIBS := -lmicrohttpd -lcjson -lnettle -lpng -lOpenCL \
+	-lsqlite3 -lhiredis -lgnutls -lsystemd -lm
 
 objects = $(patsubst %.c,$(B)/%.o,$(wildcard $(1)/*.c))
 programs = $(patsubst %.c,$(B)/%,$(wildcard tests/$(1)/test_*.c))
@@ -53,7 +63,8 @@ KERNELS := $(call objects,kernels) $(B)/kernels/source.o
 SERVER := $(call objects,server) $(B)/server/assets.o
 SUPPORT := $(B)/tests/support.a
 # The C client: a library, of which only blobfield_* is seen, and the command.
-LIBCLIENT := $(addprefix $(B)/clients/c/,blobfield.o surface.o transfer.o)
+LIBCLIENT := $(addprefix $(B)/clients/c/,blobfield.o events.o surface.o \
+	transfer.o)
 COMMAND := $(filter-out $(LIBCLIENT),$(call objects,clients/c)) \
 	$(addprefix $(B)/proto/,json.o json_place.o arena.o fault.o text.o \
 	number.o number_print.o npy.o)
@@ -66,6 +77,9 @@ SCRIPTS := $(wildcard tests/wire/test_*.py tests/clients/test_*.py \
 	tests/clients/test_*.sh)
 WEB_STAMP := clients/web/node_modules/.package-lock.json
 WEB_TESTS := $(wildcard tests/web/test_*)
+# Libraries that make the daemon's calls fail.
+FAULTS := $(patsubst tests/fault/%.c,$(B)/tests/fault/%.so,\
+	$(wildcard tests/fault/fail_*.c))
 VERDICTS := $(B)/tests/schema/document_verdicts
 BENCH := $(B)/tests/bench/bench
 SOAK := $(B)/tests/load/soak
@@ -112,7 +126,10 @@ help:
 	@echo 'make bench      measure tables and evaluation'
 	@echo 'make soak       SOAK_REQUESTS=$(SOAK_REQUESTS) small requests; memory must stay'
 	@echo 'make fuzz       run each fuzzer for FUZZ_SECONDS=$(FUZZ_SECONDS)'
-	@echo 'make install    to PREFIX=$(PREFIX); uninstall takes it back'
+	@echo 'make install    to PREFIX=$(PREFIX), with man pages, configuration and'
+	@echo '                systemd units; uninstall takes it back'
+	@echo 'make deb        build/blobfield_$(VERSION)-1_ARCH.deb, for apt install'
+	@echo 'make test-package  build that, install it in a small system, boot it'
 	@echo 'make clean      remove build/'
 
 # --- building ---------------------------------------------------------------
@@ -169,13 +186,43 @@ $(B)/tests/unit/test_server_scheduler: $(addprefix $(B)/,$(patsubst %.c,%.o,\
 
 $(B)/tests/unit/test_server_pace: $(B)/server/pace.o
 
+$(B)/tests/unit/test_config: $(addprefix $(B)/,$(patsubst %.c,%.o,\
+	$(wildcard server/config*.c)) server/log.o)
+
+# Log lines, and what is counted, without the rest of the daemon.
+$(B)/tests/unit/test_log: $(B)/server/log.o
+$(B)/tests/unit/test_http_accept: $(B)/server/http_accept_key.o
+
+$(B)/tests/unit/test_metrics: $(addprefix $(B)/server/,metrics.o \
+	metrics_page.o metrics_print.o problem.o)
+
+# Tokens and rates, without exchanges.
+$(B)/tests/unit/test_access: UNIT_LIBS := -lnettle
+$(B)/tests/unit/test_access: $(addprefix $(B)/server/,token.o token_file.o \
+	bucket.o)
+
+# What keeps scenes in Redis, without the store.
+$(B)/tests/unit/test_backing_redis: UNIT_LIBS := -lhiredis
+$(B)/tests/unit/test_backing_redis: $(addprefix $(B)/,$(patsubst %.c,%.o,\
+	$(wildcard server/backing_redis*.c)) server/scene_seq.o server/log.o)
+
 # The files of the cache, without a device.
 $(B)/tests/unit/test_table_cache: $(addprefix $(B)/,server/table_cache.o \
 	server/log.o kernels/cache_file.o)
 
+# The scene store before a backing that the test plays; and the real one.
+$(B)/tests/unit/test_scene_store: $(addprefix $(B)/server/,scene.o \
+	scene_apply.o scene_commit.o scene_history.o scene_load.o scene_seq.o \
+	scene_store.o scene_table.o scene_worker.o scene_writer.o etag.o log.o \
+	volume_store.o)
+$(B)/tests/unit/test_backing_sqlite: $(addprefix $(B)/server/,\
+	backing_sqlite.o sqlite_file.o scene_seq.o etag.o log.o)
+$(B)/tests/unit/test_scene_store $(B)/tests/unit/test_backing_sqlite: \
+	UNIT_LIBS := -lnettle -lsqlite3 -pthread
+
 $(UNIT): $(B)/%: $(B)/%.o $(SUPPORT) $(PROTO) $(CORE)
 	$(if $(Q),@echo '  LD    $@')
-	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcmocka -lcjson -lpng -lm
+	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcmocka -lcjson -lpng $(UNIT_LIBS) -lm
 
 $(DEVICE): $(B)/%: $(B)/%.o $(SUPPORT) $(KERNELS) $(PROTO) $(CORE)
 	$(if $(Q),@echo '  LD    $@')
@@ -202,6 +249,12 @@ $(VERDICTS): $(B)/%: $(B)/%.o $(PROTO) $(CORE)
 	$(if $(Q),@echo '  LD    $@')
 	$(Q)$(CC) $(ALL_LDFLAGS) -o $@ $^ -lcjson -lpng -lm
 
+$(B)/tests/fault/%.so: tests/fault/%.c tests/fault/inside.h tests/fault/fault.h
+	$(if $(Q),@echo '  LD    $@')
+	@mkdir -p $(@D)
+	$(Q)$(CC) $(filter-out -fsanitize=% -MMD -MP,$(ALL_CFLAGS)) -shared \
+	    -fPIC -o $@ $< -ldl
+
 # --- packages ---------------------------------------------------------------
 
 # Installs those of the named Debian packages that are missing.
@@ -218,12 +271,18 @@ define install_packages
 endef
 
 .PHONY: packages-run packages-test packages-fuzz packages-blender \
-	packages-figures
+	packages-figures packages-deb packages-test-package
 packages-run:
 	$(call install_packages,$(PACKAGES) $(RUN_PACKAGES))
 
 packages-test:
 	$(call install_packages,$(PACKAGES) $(TEST_PACKAGES) $(NODE_PACKAGES))
+
+packages-deb:
+	$(call install_packages,$(PACKAGES) $(DEB_PACKAGES))
+
+packages-test-package:
+	$(call install_packages,$(PACKAGE_TEST_PACKAGES))
 
 packages-fuzz:
 	$(call install_packages,$(PACKAGES) $(FUZZ_PACKAGES))
@@ -244,19 +303,20 @@ run: packages-run
 .PHONY: example
 example: packages-run
 	@$(MAKE) --no-print-directory $(B)/blobfieldd
-	@clients/curl/run.sh --once $(B)/blobfieldd --listen 127.0.0.1:0
+	@clients/curl/run.sh --once $(B)/blobfieldd --listen 127.0.0.1:0 \
+	    --data :memory:
 
 # --- testing ----------------------------------------------------------------
 
 .PHONY: test
 test: packages-test
 	@$(MAKE) --no-print-directory -j2 $(B)/blobfieldd $(CLIENT) $(UNIT) \
-	    $(DEVICE) $(WIRE) $(CLIENTS) $(VERDICTS) check-kernels
+	    $(DEVICE) $(WIRE) $(CLIENTS) $(VERDICTS) $(FAULTS) check-kernels
 	@$(MAKE) --no-print-directory $(WEB_STAMP) || \
 	    { echo 'is it the network? npm ping:'; ! npm ping --fetch-retries=0; }
-	@tests/run.sh $(UNIT) tests/schema/test_schema.py $(DEVICE) $(WIRE) \
-	    $(CLIENTS) $(SCRIPTS) $$([ -e $(WEB_STAMP) ] && \
-	    echo $(WEB_TESTS) || echo tests/web/skip.sh)
+	@tests/run.sh $$([ -e $(WEB_STAMP) ] && echo $(WEB_TESTS) || \
+	    echo tests/web/skip.sh) $(SCRIPTS) $(WIRE) $(CLIENTS) $(DEVICE) \
+	    tests/schema/test_schema.py $(UNIT)
 
 # What the previewer is bundled and tested with, of the lockfile's versions.
 $(WEB_STAMP): clients/web/package-lock.json
@@ -275,7 +335,7 @@ web: $(WEB_STAMP)
 .PHONY: test-contract
 test-contract: packages-test
 	@$(MAKE) --no-print-directory -j2 $(B)/blobfieldd $(CLIENT) $(WIRE) \
-	    $(CLIENTS)
+	    $(CLIENTS) $(FAULTS)
 	@cd tests/contract && \
 	    { [ node_modules/.package-lock.json -nt package-lock.json ] || \
 	    npm ci --ignore-scripts --no-audit --no-fund; }
@@ -323,35 +383,72 @@ bench: packages-test
 
 .PHONY: soak
 soak: packages-test
-	@$(MAKE) --no-print-directory -j2 $(B)/blobfieldd $(SOAK)
+	@$(MAKE) --no-print-directory -j2 $(B)/blobfieldd $(SOAK) $(FAULTS) \
+	    $(B)/tests/wire/test_faults
 	@$(SOAK) $(SOAK_REQUESTS)
+	@FAULTS=all tests/run.sh $(B)/tests/wire/test_faults
+	@CRASH_ROUNDS=300 tests/run.sh tests/wire/test_crash.py
+	@STORM_SECONDS=300 tests/run.sh tests/wire/test_storm.py
+	@HOSTILE_ROUNDS=12 tests/run.sh tests/wire/test_hostile.py
+	@tests/wire/test_scale_out.py 300
 
+# Each fuzzer for a while; how many executions in all.
 .PHONY: fuzz
 fuzz: packages-fuzz
 	@$(MAKE) --no-print-directory -j2 $(FUZZ) $(VERDICTS)
 	@tests/schema/test_schema.py $$(($(FUZZ_SECONDS) * 500)) $$(date +%s)
-	@for f in $(FUZZ); do name=$$(basename $$f); \
-		mkdir -p build/corpus/$$name; \
-		$$f -max_total_time=$(FUZZ_SECONDS) -max_len=8192 -rss_limit_mb=4096 \
-		    build/corpus/$$name tests/fuzz/corpus/$${name#fuzz_} || exit 1; done
+	@tests/fuzz/run.sh build $(FUZZ_SECONDS)
 
-# One compilation of everything a fuzzer needs, instrumented.
-build/fuzz/%: tests/fuzz/%.c $(wildcard core/*.[ch] proto/*.[ch])
+# What the fuzzers are made of, instrumented: all of the daemon but main().
+FUZZ_OBJECTS := $(patsubst %.c,build/fuzz/%.o,$(wildcard core/*.c proto/*.c) \
+	$(filter-out server/main.c,$(wildcard server/*.c)) kernels/cache_file.c)
+# What fuzz_http plays, and how it looks at answers.
+FUZZ_PLAY := $(patsubst %.c,build/fuzz/%.o,$(filter-out tests/fuzz/fuzz_%,\
+	$(wildcard tests/fuzz/*.c)))
+FUZZ_CFLAGS := $(filter-out -Wwrite-strings -fsanitize% -fno-sanitize%,$(ALL_CFLAGS)) -O1 -g \
+	-fno-omit-frame-pointer -fsanitize=fuzzer-no-link,address,undefined \
+	-fno-sanitize-recover=undefined
+
+build/fuzz/%.o: %.c
 	$(if $(Q),@echo '  FUZZ  $@')
 	@mkdir -p $(@D)
-	$(Q)clang -std=c11 -D_GNU_SOURCE -I. -O1 -g -fno-math-errno \
-	    -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=undefined \
-	    -o $@ $< $(wildcard core/*.c proto/*.c) -lcjson -lpng -lm
+	$(Q)clang $(FUZZ_CFLAGS) -c -o $@ $<
+
+build/fuzz/daemon.a: $(FUZZ_OBJECTS)
+	$(Q)rm -f $@ && ar rcs $@ $^
+
+build/fuzz/fuzz_http: $(FUZZ_PLAY)
+build/fuzz/fuzz_http: FUZZ_WRAP := $(addprefix -Wl$(comma)--wrap=table_,\
+	build measure sample measure_g)
+build/fuzz/fuzz_redis: FUZZ_WRAP := -Wl,--wrap=pthread_cond_timedwait
+
+# The device is played.
+$(FUZZ): build/fuzz/fuzz_%: build/fuzz/tests/fuzz/fuzz_%.o build/fuzz/daemon.a \
+    $(B)/server/assets.o
+	$(if $(Q),@echo '  LD    $@')
+	$(Q)clang -pthread -fsanitize=fuzzer,address,undefined $(FUZZ_WRAP) \
+	    -o $@ $(filter %.o,$^) $(filter %.a,$^) \
+	    $(filter-out -lOpenCL,$(LIBS)) -lxxhash
 
 # --- the rest ---------------------------------------------------------------
 
 # What the README's links lead to, at the same places below it.
 DOCS := README.md LICENSE CHANGELOG.md core/README.md proto/README.md \
 	proto/DOCUMENT.md proto/document.schema.json proto/openapi.json \
-	tests/bench/RESULTS.md tests/contract/README.md \
+	server/README.md server/OPERATIONS.md server/THREATS.md \
+	$(wildcard server/deploy/*.*) server/backing_redis_script.h \
+	tests/RELIABILITY.md tests/bench/RESULTS.md tests/contract/README.md \
 	$(wildcard clients/*/README.md clients/web/previewer.png \
 	clients/figures/*.png clients/figures/figures.json \
 	clients/models/*.json clients/curl/*)
+
+MANUALS := server/man/blobfieldd.8 server/man/blobfieldd.conf.5 \
+	clients/c/blobfield.1
+# name of a manual's file: where it is installed.
+manual = $(DESTDIR)$(MANDIR)/man$(subst .,,$(suffix $(1)))/$(notdir $(1))
+UNITS := $(wildcard server/deploy/systemd/blobfieldd.s*)
+EXAMPLE_CONF := server/deploy/systemd/blobfieldd.conf
+INSTALLED_CONF = $(DESTDIR)$(SYSCONFDIR)/blobfield/blobfieldd.conf
 
 .PHONY: install
 install: all
@@ -361,17 +458,54 @@ install: all
 	    $(DESTDIR)$(PREFIX)/include/blobfield.h
 	install -D -m 644 $(B)/libblobfield.a \
 	    $(DESTDIR)$(PREFIX)/lib/libblobfield.a
-	for f in $(DOCS); do \
+	$(foreach m,$(MANUALS),install -D -m 644 $(m) $(call manual,$(m)) &&) :
+	for f in $(UNITS); do \
+		sed -e 's|@BINDIR@|$(PREFIX)/bin|' \
+		    -e 's|@SYSCONFDIR@|$(SYSCONFDIR)|' $$f | \
+		install -D -m 644 /dev/stdin \
+		    $(DESTDIR)$(UNITDIR)/$$(basename $$f) || exit 1; done
+	install -D -m 644 server/deploy/systemd/blobfield.sysusers \
+	    $(DESTDIR)$(SYSUSERSDIR)/blobfield.conf
+	[ -e $(INSTALLED_CONF) ] || \
+	    install -D -m 644 $(EXAMPLE_CONF) $(INSTALLED_CONF)
+	[ -n "$(DESTDIR)" ] || ! getent group blobfield >/dev/null || \
+	    { chgrp blobfield $(INSTALLED_CONF) && \
+	    chmod 640 $(INSTALLED_CONF); }
+	for f in $(wildcard $(DOCS)); do \
 		install -D -m 644 $$f $(DESTDIR)$(PREFIX)/share/doc/blobfield/$$f; \
 	done
 
+# But for a configuration that has been changed.
 .PHONY: uninstall
 uninstall:
 	rm -f $(DESTDIR)$(PREFIX)/bin/blobfieldd \
 	    $(DESTDIR)$(PREFIX)/bin/blobfield \
 	    $(DESTDIR)$(PREFIX)/include/blobfield.h \
-	    $(DESTDIR)$(PREFIX)/lib/libblobfield.a
+	    $(DESTDIR)$(PREFIX)/lib/libblobfield.a \
+	    $(foreach m,$(MANUALS),$(call manual,$(m))) \
+	    $(addprefix $(DESTDIR)$(UNITDIR)/,$(notdir $(UNITS))) \
+	    $(DESTDIR)$(SYSUSERSDIR)/blobfield.conf
 	rm -rf $(DESTDIR)$(PREFIX)/share/doc/blobfield
+	! cmp -s $(EXAMPLE_CONF) $(INSTALLED_CONF) || rm -f $(INSTALLED_CONF)
+	[ ! -d $(dir $(INSTALLED_CONF)) ] || \
+	    rmdir --ignore-fail-on-non-empty $(dir $(INSTALLED_CONF))
+
+# --- Debian -----------------------------------------------------------------
+
+DEB = build/blobfield_$(VERSION)-1_$(shell dpkg --print-architecture).deb
+
+.PHONY: deb
+deb: packages-deb
+	@rm -rf build/deb/debian && mkdir -p build/deb/debian
+	@cp server/deploy/debian/* build/deb/debian
+	@server/deploy/debian/fill.sh $(VERSION) build/deb/debian
+	@cd build/deb && DEB_BUILD_OPTIONS=noautodbgsym \
+	    dpkg-buildpackage -b -us -uc -d
+	@echo $(DEB)
+
+.PHONY: test-package
+test-package: packages-test-package deb
+	@DEB=$(DEB) tests/run.sh tests/package/test_package.py
 
 .PHONY: clean
 clean:
@@ -379,4 +513,4 @@ clean:
 
 .SECONDARY:
 .DELETE_ON_ERROR:
--include $(shell find $(B) -name '*.d' 2>/dev/null)
+-include $(shell find $(B) -name '*.d' -type f 2>/dev/null)

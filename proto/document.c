@@ -156,10 +156,16 @@ enum err document_parse(const char *text, size_t length,
     const struct document_limits *limits, struct document **out,
     struct faults *faults)
 {
+	const struct json_place root = json_root("");
 	struct arena arena = {0};
 	cJSON *json;
 	enum err err;
 
+	if (limits->max_bytes > 0 && length > limits->max_bytes) {
+		json_fault(faults, &root, "the document has %zu bytes; %zu "
+		    "are the most", length, limits->max_bytes);
+		return ERR_LIMIT;
+	}
 	err = json_parse(text, length, document_values_max(limits), &arena,
 	    &json, faults);
 	if (!err)

@@ -32,6 +32,7 @@ struct volume;
 
 struct document_limits {
 	size_t max_nodes;         /* after expanding refs */
+	size_t max_bytes;         /* of its text; 0: any */
 	enum table_layout layout; /* for operators that do not say */
 	/* The volume of that id, held for the caller, or NULL; may be NULL, for
 	 * where there are none. */
@@ -43,7 +44,8 @@ struct document_limits {
  * Parses and checks a whole document: JSON, every field, references, then
  * compiles it. On success *out is the caller's (document_free).
  * ERR_SYNTAX: not JSON (RFC 8259; duplicate member names, too). ERR_INVALID:
- * JSON that is not a document. ERR_LIMIT: too many nodes, or nested too deep.
+ * JSON that is not a document. ERR_LIMIT: too many nodes or bytes, or nested
+ * too deep.
  * All three fill faults with every place found, not only the first.
  * ERR_MEMORY. Reentrant.
  */

@@ -13,11 +13,21 @@
 /* More slips than this and a name is not meant. */
 #define SLIPS_MAX 2
 
+/* There may be a million faults, and only the first are told. */
+static bool is_told(const struct reader *r)
+{
+	return r->faults->count < FAULT_MAX;
+}
+
 static void add_fault(struct reader *r, const struct json_place *at,
     const char *detail, va_list ap)
 {
 	char sentence[FAULT_DETAIL_MAX + 64];
 
+	if (!is_told(r)) {
+		r->faults->count++;
+		return;
+	}
 	if (vsnprintf(sentence, sizeof sentence, detail, ap) < 0)
 		sentence[0] = '\0';
 	json_fault(r->faults, at, "%s", sentence);
@@ -89,7 +99,7 @@ static void unknown_field(struct reader *r, const struct json_place *at,
 	int least = SLIPS_MAX + 1;
 	size_t s, i;
 
-	for (s = 0; s < set_count; s++) {
+	for (s = 0; s < set_count && is_told(r); s++) {
 		for (i = 0; i < sets[s].count; i++)
 			consider(name, sets[s].fields[i].name, &best, &least);
 	}
@@ -165,7 +175,7 @@ static void unknown_type(struct reader *r, const struct json_place *at,
 	int least = SLIPS_MAX + 1;
 	size_t i;
 
-	for (i = 0; i < count; i++)
+	for (i = 0; i < count && is_told(r); i++)
 		consider(type, variants[i].name, &best, &least);
 	if (best)
 		reader_fault(r, at,

@@ -309,6 +309,20 @@ static struct json_text body_text(const char *text, size_t length,
 	    SIZE_MAX : most + VALUES_BESIDE, arena);
 }
 
+/* Of a body without its points: with them it may be any size. */
+static enum err check_bytes(const struct body *b,
+    const struct eval_splice *splice, size_t length)
+{
+	const struct json_place root = json_root("");
+	const size_t most = b->limits->max_bytes;
+
+	if (splice == NULL || most == 0 || length <= most)
+		return ERR_OK;
+	json_fault(b->faults, &root, "there are %zu bytes besides the points; "
+	    "%zu are the most", length, most);
+	return ERR_LIMIT;
+}
+
 enum err eval_splice_parse(const char *text, size_t length,
     const struct eval_splice *splice, bool with_scene,
     unsigned default_outputs, const struct document_limits *limits,
@@ -320,7 +334,9 @@ enum err eval_splice_parse(const char *text, size_t length,
 	struct document *document = NULL;
 	enum err err, members;
 
-	err = read_body(&b);
+	err = check_bytes(&b, splice, length);
+	if (!err)
+		err = read_body(&b);
 	if (err)
 		goto fail;
 	members = check_members(&b);

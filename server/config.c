@@ -1,388 +1,115 @@
 #include "server/config.h"
 
-#include <assert.h>
-#include <ctype.h>
-#include <errno.h>
-#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "core/table.h"
-#include "kernels/cache_file.h"
+#include "server/config_internal.h"
+#include "server/log.h"
 
-struct option {
-	const char *name;
-	const char *argument; /* what stands for it in the help; NULL: none */
-	/* Reads value into *config; false, with a reason in *why, if it cannot. */
-	bool (*read)(const char *value, struct config *config,
-	    const char **why);
-	const char *help;
-};
+/* ---- one value ---- */
 
-/* "64M" to bytes: a whole number with an optional k, M or G. */
-static bool read_size(const char *text, size_t *out, const char **why)
+struct config_origin *config_origin_of(struct config_reading *reading,
+    const struct config_option *option)
 {
-	static const char suffixes[] = "kMG";
-	unsigned long long n;
-	unsigned shift = 0;
-	char *end;
+	const struct config_option *o;
 
-	*why = "a whole number above 0, with k, M or G after it if you like";
-	if (!isdigit((unsigned char)text[0]))
+	for (o = config_options; o->size == 0 || o->offset != option->offset;)
+		o++;
+	return &reading->origins[o - config_options];
+}
+
+/* yes: what it stands for; no: what there would be without. */
+static bool set_preset(struct config_reading *reading,
+    const struct config_option *option, const char *value, char *why)
+{
+	const struct config_option *of = &config_options[
+	    config_origin_of(reading, option) - reading->origins];
+	char *place = (char *)reading->config + option->offset;
+	bool is;
+
+	strcpy(why, "yes or no");
+	if (!config_value_is(value, &is))
 		return false;
-	errno = 0;
-	n = strtoull(text, &end, 10);
-	if (*end != '\0') {
-		const char *at = strchr(suffixes, *end == 'K' ? 'k' : *end);
+	if (is && option->preset[0] != '\0')
+		return config_value_read(of, option->preset, reading->config,
+		    why);
+	if (is)
+		place[0] = '\0';
+	else
+		memmove(place, (char *)&reading->defaults + option->offset,
+		    option->size);
+	return true;
+}
 
-		if (at == NULL || end[1] != '\0')
-			return false;
-		shift = 10 * (unsigned)(at - suffixes + 1);
+bool config_set(struct config_reading *reading, struct config_origin origin,
+    const char *value, char why[static CONFIG_WHY_MAX])
+{
+	const struct config_option *option = origin.option;
+	struct config_reading checked;
+	struct config_origin *now;
+
+	if (!config_option_is_kept(option))
+		return config_value_read(option, value, reading->config, why);
+	now = config_origin_of(reading, option);
+	if (now->rank > origin.rank) {
+		/* Wrong is wrong, also where it does not count. */
+		checked = *reading;
+		checked.config = &checked.defaults;
+		reading = &checked;
+	} else {
+		*now = origin;
 	}
-	if (errno != 0 || n == 0 || n > (SIZE_MAX >> 1) >> shift)
+	return option->kind == CONFIG_PRESET ?
+	    set_preset(reading, option, value, why) :
+	    config_value_read(option, value, reading->config, why);
+}
+
+/* ---- defaults ---- */
+
+/* The first folder of a list by colons; false if it is not absolute. */
+static bool default_of_manager(const char *variable, char *out, size_t size)
+{
+	const char *folders = getenv(variable);
+	int length;
+
+	if (folders == NULL || folders[0] != '/')
 		return false;
-	*out = (size_t)n << shift;
-	return true;
-}
-
-static bool read_listen(const char *value, struct config *config,
-    const char **why)
-{
-	const char *colon = strrchr(value, ':');
-	const char *host = value;
-	size_t length;
-	char *end;
-
-	*why = "HOST:PORT, such as 127.0.0.1:7878, [::1]:7878 or 127.0.0.1:0";
-	if (colon == NULL || !isdigit((unsigned char)colon[1]))
-		return false;
-	length = (size_t)(colon - value);
-	if (host[0] == '[' && length > 2 && host[length - 1] == ']') {
-		host++;
-		length -= 2;
-	} else if (memchr(host, ':', length) != NULL) {
-		return false;
-	}
-	if (length == 0 || length >= sizeof config->host)
-		return false;
-	if (strtoul(colon + 1, &end, 10) > 65535 || *end != '\0' ||
-	    strlen(colon + 1) >= sizeof config->port)
-		return false;
-	memcpy(config->host, host, length);
-	config->host[length] = '\0';
-	strcpy(config->port, colon + 1);
-	return true;
-}
-
-static bool read_max_body(const char *value, struct config *config,
-    const char **why)
-{
-	return read_size(value, &config->max_body, why);
-}
-
-static bool read_max_points(const char *value, struct config *config,
-    const char **why)
-{
-	return read_size(value, &config->max_points, why);
-}
-
-static bool read_max_nodes(const char *value, struct config *config,
-    const char **why)
-{
-	return read_size(value, &config->max_nodes, why);
-}
-
-static bool read_max_scenes(const char *value, struct config *config,
-    const char **why)
-{
-	return read_size(value, &config->max_scenes, why);
-}
-
-static bool read_scene_memory(const char *value, struct config *config,
-    const char **why)
-{
-	return read_size(value, &config->scene_memory, why);
-}
-
-static bool read_queue(const char *value, struct config *config,
-    const char **why)
-{
-	return read_size(value, &config->queue, why);
-}
-
-/* Each is a thread. */
-#define TASKS_MOST 64
-
-static bool read_tasks(const char *value, struct config *config,
-    const char **why)
-{
-	size_t tasks;
-
-	if (!read_size(value, &tasks, why) || tasks > TASKS_MOST) {
-		*why = "a whole number from 1 to 64";
-		return false;
-	}
-	config->tasks = tasks;
-	return true;
-}
-
-static bool read_device(const char *value, struct config *config,
-    const char **why)
-{
-	(void)why;
-	config->device.select = value;
-	return true;
-}
-
-static bool read_width(const char *value, struct config *config,
-    const char **why)
-{
-	size_t width;
-
-	if (!read_size(value, &width, why) || width > 16 ||
-	    (width & (width - 1)) != 0) {
-		*why = "1, 2, 4, 8 or 16";
-		return false;
-	}
-	config->device.width = (int)width;
-	return true;
-}
-
-/* The index of value in names, or -1. */
-static int find_name(const char *value, const char *const *names, int count)
-{
-	for (int i = 0; i < count; i++) {
-		if (strcmp(value, names[i]) == 0)
-			return i;
-	}
-	return -1;
-}
-
-static bool read_tables(const char *value, struct config *config,
-    const char **why)
-{
-	static const char *const names[] = {"auto", "buffer", "image"};
-	int i = find_name(value, names, 3);
-
-	*why = "auto, buffer or image";
-	if (i < 0)
-		return false;
-	config->device.tables = (enum device_tables)i;
-	return true;
-}
-
-static bool read_table_memory(const char *value, struct config *config,
-    const char **why)
-{
-	return read_size(value, &config->device.table_bytes, why);
-}
-
-static bool read_volume_memory(const char *value, struct config *config,
-    const char **why)
-{
-	return read_size(value, &config->device.volume_bytes, why);
-}
-
-/* The device has room for the same. */
-static_assert(sizeof ((struct config *)0)->cache == CACHE_FOLDER_MAX,
-    "one size for the cache's name");
-
-static bool read_cache(const char *value, struct config *config,
-    const char **why)
-{
-	*why = "a folder's name, not too long";
-	if (value[0] == '\0' || strlen(value) >= sizeof config->cache)
-		return false;
-	strcpy(config->cache, value);
-	return true;
-}
-
-static bool read_no_cache(const char *value, struct config *config,
-    const char **why)
-{
-	(void)value, (void)why;
-	config->cache[0] = '\0';
-	return true;
-}
-
-static bool read_cache_size(const char *value, struct config *config,
-    const char **why)
-{
-	return read_size(value, &config->cache_size, why);
-}
-
-static bool read_fill_cache(const char *value, struct config *config,
-    const char **why)
-{
-	(void)value, (void)why;
-	config->fill_cache = true;
-	return true;
-}
-
-static bool read_layout(const char *value, struct config *config,
-    const char **why)
-{
-	static const char *const names[] = {"warped", "uniform"};
-	int i = find_name(value, names, 2);
-
-	*why = "warped or uniform";
-	if (i < 0)
-		return false;
-	config->layout = (enum table_layout)i;
-	return true;
-}
-
-static bool read_list_devices(const char *value, struct config *config,
-    const char **why)
-{
-	(void)value, (void)why;
-	config->list_devices = true;
-	return true;
-}
-
-static bool read_no_measure(const char *value, struct config *config,
-    const char **why)
-{
-	(void)value, (void)why;
-	config->measure = false;
-	return true;
-}
-
-static bool read_log_level(const char *value, struct config *config,
-    const char **why)
-{
-	*why = "error, warning, info or debug";
-	return log_level_named(value, &config->log_level);
-}
-
-static bool read_quiet(const char *value, struct config *config,
-    const char **why)
-{
-	(void)value, (void)why;
-	config->log_level = LOG_WARNING;
-	return true;
-}
-
-static const struct option options[] = {
-	{"listen", "HOST:PORT", read_listen,
-	    "where to listen (127.0.0.1:7878); port 0 picks a free one"},
-	{"max-body", "BYTES", read_max_body, "largest request body (128M)"},
-	{"max-points", "N", read_max_points,
-	    "most points in one evaluation (8000000)"},
-	{"max-nodes", "N", read_max_nodes,
-	    "most nodes in one document, references expanded (32768)"},
-	{"max-scenes", "N", read_max_scenes, "most scenes kept (1024)"},
-	{"scene-memory", "BYTES", read_scene_memory,
-	    "most memory for the scenes kept (1G)"},
-	{"queue", "N", read_queue, "most evaluations waiting (256)"},
-	{"tasks", "N", read_tasks,
-	    "most meshes, pictures and the like made at a time (2)"},
-	{"device", "SELECT", read_device,
-	    "OpenCL device: an index of --list-devices or part of a name"},
-	{"width", "N", read_width,
-	    "points a work-item: 1, 2, 4, 8 or 16 (the device's own choice)"},
-	{"tables", "HOW", read_tables,
-	    "operator tables as: auto, buffer or image (auto)"},
-	{"table-memory", "BYTES", read_table_memory,
-	    "most device memory for operator tables (256M)"},
-	{"volume-memory", "BYTES", read_volume_memory,
-	    "most memory for volumes, also on the device (256M)"},
-	{"layout", "LAYOUT", read_layout,
-	    "table layout for operators: warped or uniform (warped)"},
-	{"cache", "DIR", read_cache,
-	    "where tables and kernels are kept (~/.cache/blobfield)"},
-	{"no-cache", NULL, read_no_cache, "keep nothing from start to start"},
-	{"cache-size", "BYTES", read_cache_size, "most bytes kept there (1G)"},
-	{"fill-cache", NULL, read_fill_cache,
-	    "put the device's kernels there and exit"},
-	{"list-devices", NULL, read_list_devices,
-	    "list the OpenCL devices and exit"},
-	{"no-measure", NULL, read_no_measure,
-	    "do not measure the tables' errors in the background"},
-	{"log-level", "LEVEL", read_log_level,
-	    "error, warning, info or debug (info)"},
-	{"quiet", NULL, read_quiet, "the same as --log-level warning"},
-};
-
-#define OPTION_COUNT (sizeof options / sizeof *options)
-
-static void print_help(void)
-{
-	printf("Usage: blobfieldd [option]...\n\n"
-	    "Evaluates Blob-tree documents on an OpenCL device, over HTTP.\n\n");
-	for (size_t i = 0; i < OPTION_COUNT; i++) {
-		char left[64];
-
-		snprintf(left, sizeof left, "--%s%s%s", options[i].name,
-		    options[i].argument ? " " : "",
-		    options[i].argument ? options[i].argument : "");
-		printf("  %-24s %s\n", left, options[i].help);
-	}
-	printf("  %-24s %s\n  %-24s %s\n", "--version", "print the version",
-	    "--help", "print this");
-}
-
-static bool complain(const char *argument, const char *what, const char *why)
-{
-	fprintf(stderr, "blobfieldd: %s: %s%s\n"
-	    "Try 'blobfieldd --help'.\n", argument, what, why);
-	return false;
-}
-
-/* The option that argument (after "--") names, up to '=' or its end. */
-static const struct option *find_option(const char *argument)
-{
-	size_t length = strcspn(argument, "=");
-
-	for (size_t i = 0; i < OPTION_COUNT; i++) {
-		if (strlen(options[i].name) == length &&
-		    memcmp(options[i].name, argument, length) == 0)
-			return &options[i];
-	}
-	return NULL;
-}
-
-/* Reads the option at argv[*i], and moves *i past it. */
-static bool read_option(int argc, char **argv, int *i, struct config *config)
-{
-	const char *argument = argv[(*i)++];
-	const struct option *option = NULL;
-	const char *value = strchr(argument, '=');
-	const char *why = "";
-
-	if (strncmp(argument, "--", 2) == 0)
-		option = find_option(argument + 2);
-	if (option == NULL)
-		return complain(argument, "unknown option", "");
-	if (option->argument == NULL && value != NULL)
-		return complain(argument, "takes no value", "");
-	if (option->argument != NULL && value == NULL && *i >= argc)
-		return complain(argument, "needs ", option->argument);
-	if (option->argument != NULL)
-		value = value != NULL ? value + 1 : argv[(*i)++];
-	if (!option->read(value, config, &why))
-		return complain(argument, "must be ", why);
-	return true;
+	length = snprintf(out, size, "%.*s", (int)strcspn(folders, ":"),
+	    folders);
+	return length < (int)size;
 }
 
 /*
- * The XDG Base Directory Specification's: $XDG_CACHE_HOME counts if it is
- * absolute. Without a home there is no cache.
+ * The XDG Base Directory Specification's: the variable counts if it is
+ * absolute; else it is below the home. False: there is none.
  */
-static void set_default_cache(struct config *config)
+static bool default_of_user(const char *variable, const char *below, char *out,
+    size_t size)
 {
-	const char *cache = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
-	int length = 0;
+	const char *folder = getenv(variable), *home = getenv("HOME");
+	int length = (int)size;
 
-	if (cache != NULL && cache[0] == '/')
-		length = snprintf(config->cache, sizeof config->cache,
-		    "%s/blobfield", cache);
+	if (folder != NULL && folder[0] == '/')
+		length = snprintf(out, size, "%s/blobfield", folder);
 	else if (home != NULL && home[0] == '/')
-		length = snprintf(config->cache, sizeof config->cache,
-		    "%s/.cache/blobfield", home);
-	if (length >= (int)sizeof config->cache)
+		length = snprintf(out, size, "%s/%s/blobfield", home, below);
+	return length < (int)size;
+}
+
+/* Without a home there is no cache, and nothing is kept. */
+static void set_default_folders(struct config *config)
+{
+	if (!default_of_manager("CACHE_DIRECTORY", config->cache,
+	    sizeof config->cache) &&
+	    !default_of_user("XDG_CACHE_HOME", ".cache", config->cache,
+	    sizeof config->cache))
 		config->cache[0] = '\0';
+	if (!default_of_manager("STATE_DIRECTORY", config->data,
+	    sizeof config->data) &&
+	    !default_of_user("XDG_DATA_HOME", ".local/share", config->data,
+	    sizeof config->data))
+		strcpy(config->data, ":memory:");
 }
 
 static void set_defaults(struct config *config)
@@ -397,19 +124,123 @@ static void set_defaults(struct config *config)
 		.scene_memory = (size_t)1 << 30,
 		.queue = 256,
 		.tasks = 2,
+		.history = 16,
+		.max_listeners = 1024,
+		.max_connections = 4096,
+		.max_connections_per_address = 1024,
+		.request_time = 60,
+		.drain_time = 60,
 		.layout = LAYOUT_WARPED,
 		.measure = true,
 		.log_level = LOG_INFO,
+		.cache_size = (size_t)1 << 30,
+		.device.table_bytes = (size_t)256 << 20,
+		.device.volume_bytes = (size_t)256 << 20,
 	};
-	config->device.table_bytes = (size_t)256 << 20;
-	config->device.volume_bytes = (size_t)256 << 20;
-	config->cache_size = (size_t)1 << 30;
-	set_default_cache(config);
+	set_default_folders(config);
 }
 
-enum config_outcome config_parse(int argc, char **argv, struct config *out)
+/* ---- flags ---- */
+
+static void print_pair(const char *left, const char *help)
 {
-	set_defaults(out);
+	/* What is longer than its column has a line of its own. */
+	if (strlen(left) > 24)
+		printf("  %s\n  %-24s %s\n", left, "", help);
+	else
+		printf("  %-24s %s\n", left, help);
+}
+
+static void print_help(void)
+{
+	const struct config_option *o;
+
+	printf("Usage: blobfieldd [option]...\n\n"
+	    "Evaluates Blob-tree documents on an OpenCL device, over HTTP.\n\n");
+	for (o = config_options; o->name != NULL; o++) {
+		char left[64];
+
+		snprintf(left, sizeof left, "--%s%s%s", o->name,
+		    o->argument ? " " : "", o->argument ? o->argument : "");
+		print_pair(left, o->help);
+	}
+	print_pair("--version", "print the version");
+	print_pair("--help", "print this");
+	printf("\nEach is also a variable, such as BLOBFIELDD_MAX_BODY=64M, and "
+	    "a line of\n--config's file, such as max-body = 64M. Flags come "
+	    "before variables,\nvariables before the file.\n");
+}
+
+static bool complain(const char *argument, const char *what, const char *why)
+{
+	fprintf(stderr, "blobfieldd: %s: %s%s\n"
+	    "Try 'blobfieldd --help'.\n", argument, what, why);
+	return false;
+}
+
+static bool complain_of_flag(const char *argument)
+{
+	const struct config_option *like = NULL;
+	char name[CONFIG_NAME_MAX];
+
+	if (strncmp(argument, "--", 2) == 0) {
+		snprintf(name, sizeof name, "%.*s",
+		    (int)strcspn(argument + 2, "="), argument + 2);
+		like = config_option_like(name);
+	}
+	if (like == NULL)
+		return complain(argument, "unknown option", "");
+	fprintf(stderr, "blobfieldd: %s: unknown option; did you mean --%s?\n",
+	    argument, like->name);
+	return false;
+}
+
+static bool complain_of_value(const struct config_option *option,
+    const char *value, const char *why)
+{
+	fprintf(stderr, "blobfieldd: --%s: must be %s, not '%.64s'\n"
+	    "Try 'blobfieldd --help'.\n", option->name, why, value);
+	return false;
+}
+
+static bool set_flag(struct config_reading *reading,
+    const struct config_option *option, const char *value)
+{
+	struct config_origin origin = {CONFIG_OF_FLAG, 0, option};
+	char why[CONFIG_WHY_MAX];
+
+	if (option->kind == CONFIG_PATH)
+		reading->path = value;
+	else if (!config_set(reading, origin, value, why))
+		return complain_of_value(option, value, why);
+	return true;
+}
+
+/* Reads the option at argv[*i], and moves *i past it. */
+static bool read_flag(struct config_reading *reading, int argc, char **argv,
+    int *i)
+{
+	const char *argument = argv[(*i)++];
+	const struct config_option *option = NULL;
+	const char *value = strchr(argument, '=');
+
+	if (strncmp(argument, "--", 2) == 0)
+		option = config_option_find(argument + 2,
+		    strcspn(argument + 2, "="));
+	if (option == NULL)
+		return complain_of_flag(argument);
+	if (value != NULL)
+		return set_flag(reading, option, value + 1);
+	if (option->argument == NULL)
+		return set_flag(reading, option, "yes");
+	if (*i >= argc)
+		return complain(argument, "needs ", option->argument);
+	return set_flag(reading, option, argv[(*i)++]);
+}
+
+static enum config_outcome read_flags(struct config_reading *reading, int argc,
+    char **argv)
+{
 	for (int i = 1; i < argc;) {
 		if (strcmp(argv[i], "--help") == 0) {
 			print_help();
@@ -419,8 +250,71 @@ enum config_outcome config_parse(int argc, char **argv, struct config *out)
 			printf("blobfieldd %s\n", BLOBFIELD_VERSION);
 			return CONFIG_DONE;
 		}
-		if (!read_option(argc, argv, &i, out))
+		if (!read_flag(reading, argc, argv, &i))
 			return CONFIG_BAD;
 	}
+	return CONFIG_RUN;
+}
+
+/* ---- all of it ---- */
+
+/* What is set and does not count. */
+static void warn_of_idle(struct config_reading *reading)
+{
+	const struct config_option *data = config_option_find("data", 4);
+
+	if (reading->config->store[0] != '\0' &&
+	    config_origin_of(reading, data)->rank != CONFIG_OF_DEFAULT)
+		log_write(LOG_WARNING, "data = %s is not used: there is a "
+		    "store", reading->config->data);
+}
+
+static bool is_consistent(const struct config *config)
+{
+	bool has_cert = config->tls_cert[0] != '\0';
+
+	if (has_cert != (config->tls_key[0] != '\0')) {
+		fprintf(stderr, "blobfieldd: %s is set, and %s is not: HTTPS "
+		    "needs both\n", has_cert ? "tls-cert" : "tls-key",
+		    has_cert ? "tls-key" : "tls-cert");
+		return false;
+	}
+	return true;
+}
+
+static enum config_outcome read_all(struct config_reading *reading, int argc,
+    char **argv)
+{
+	enum config_outcome outcome = read_flags(reading, argc, argv);
+
+	if (outcome != CONFIG_RUN)
+		return outcome;
+	if (!config_environment_read(reading))
+		return CONFIG_BAD;
+	if (reading->path != NULL && !config_file_read(reading))
+		return CONFIG_BAD;
+	return is_consistent(reading->config) ? CONFIG_RUN : CONFIG_BAD;
+}
+
+enum config_outcome config_parse(int argc, char **argv, struct config *out)
+{
+	struct config_reading reading = {.config = out};
+	enum config_outcome outcome;
+
+	set_defaults(&reading.defaults);
+	*out = reading.defaults;
+	outcome = read_all(&reading, argc, argv);
+	if (outcome != CONFIG_RUN)
+		return outcome;
+	out->device.select = out->device_name[0] != '\0' ? out->device_name :
+	    NULL;
+	log_set_level(out->log_level);
+	log_set_format(out->log_format);
+	config_environment_warn();
+	if (out->print_config) {
+		config_print(&reading);
+		return CONFIG_DONE;
+	}
+	warn_of_idle(&reading);
 	return CONFIG_RUN;
 }

@@ -8,10 +8,12 @@
 #include "core/output.h"
 #include "proto/document.h"
 #include "proto/fault.h"
+#include "server/access.h"
 #include "server/clock.h"
 #include "server/config.h"
 #include "server/evaluation_internal.h"
 #include "server/exchange.h"
+#include "server/metrics.h"
 #include "server/program.h"
 #include "server/scheduler.h"
 #include "server/server.h"
@@ -41,36 +43,39 @@ void evaluation_reply_faults(struct exchange *x, enum err err,
 
 /* Which of the operators is one too many is not to be said: those named, if
  * there are any, or the document has them in its nodes. */
-static void reply_tables_too_large(struct exchange *x, const char *pointer,
+static void add_too_large(struct faults *faults, const char *pointer,
     const struct document *document, size_t most)
 {
-	struct faults faults = {0};
 	char place[FAULT_POINTER_MAX];
 
 	snprintf(place, sizeof place, "%s%s", pointer,
 	    document_has_operators(document) ? "/operators" : "");
-	faults_add(&faults, place, "the tables of all operators together need "
+	faults_add(faults, place, "the tables of all operators together need "
 	    "more than the %zu bytes that --table-memory gives", most);
-	evaluation_reply_faults(x, ERR_LIMIT, &faults);
+}
+
+enum err evaluation_program(struct server *server, const char *pointer,
+    struct document *document, struct program **out, struct faults *faults)
+{
+	size_t most = server->config->device.table_bytes;
+	enum err err = program_create(server->tables,
+	    document_take_tape(document), most, out);
+
+	if (err == ERR_LIMIT)
+		add_too_large(faults, pointer, document, most);
+	return err;
 }
 
 bool evaluation_compile(struct exchange *x, const char *pointer,
     struct document *document, struct program **out)
 {
-	struct server *server = x->server;
-	size_t most = server->config->device.table_bytes;
-	enum err err = program_create(server->tables,
-	    document_take_tape(document), most, out);
+	struct faults faults = {0};
+	enum err err = evaluation_program(x->server, pointer, document, out,
+	    &faults);
 
-	if (err == ERR_OK)
-		return true;
-	if (err == ERR_LIMIT)
-		reply_tables_too_large(x, pointer, document, most);
-	else
-		exchange_reply_problem(x, problem_from_err(err), NULL,
-		    "The document could not be compiled: %s.",
-		    err_message(err));
-	return false;
+	if (err != ERR_OK)
+		evaluation_reply_faults(x, err, &faults);
+	return err == ERR_OK;
 }
 
 /* ---- life ---- */
@@ -88,17 +93,34 @@ static void let_go(struct evaluation *e)
 	free(e);
 }
 
+/* What a job that is done has taken. */
+static void observe(const struct evaluation *e, const struct exchange *x)
+{
+	struct metrics *m = e->server->metrics;
+
+	if (e->job.result != ERR_OK || e->job.begun == 0.0)
+		return;
+	metrics_observe(m, x, METRICS_QUEUE, e->job.begun - e->submitted);
+	metrics_observe_device(m, x, &e->job.times);
+	if (e->printing > 0.0)
+		metrics_observe(m, x, METRICS_PRINT, e->printing);
+}
+
 /* The exchange is over, perhaps before the job. */
 static void leave(void *state, struct server *server)
 {
 	struct evaluation *e = state;
+	const struct exchange *x;
 	bool is_done;
 
 	pthread_mutex_lock(&e->lock);
+	x = e->x;
 	e->x = NULL;
 	is_done = e->is_done;
 	pthread_mutex_unlock(&e->lock);
-	if (!is_done)
+	if (is_done)
+		observe(e, x);
+	else
 		scheduler_continue(server->scheduler);
 	let_go(e);
 }
@@ -289,9 +311,15 @@ static enum err submit(struct evaluation *e)
 void evaluation_begin(struct exchange *x,
     const struct evaluation_request *request)
 {
-	struct evaluation *e = create(x, request);
+	struct evaluation *e;
 	enum err err;
 
+	if (!access_take_points(x, request->program,
+	    request->points->count)) {
+		scheduler_release(x->server->scheduler, request->program);
+		return;
+	}
+	e = create(x, request);
 	if (e == NULL) {
 		scheduler_release(x->server->scheduler, request->program);
 		reply_refusal(x, ERR_MEMORY);

@@ -15,6 +15,7 @@ struct document;
 struct exchange;
 struct faults;
 struct program;
+struct server;
 
 /* Batches up to this many points are interactive unless they say otherwise,
  * and their answers leave whole. */
@@ -36,6 +37,14 @@ struct evaluation_terms {
 	enum evaluation_priority priority;
 	double deadline;         /* seconds from its beginning; 0: none */
 };
+
+/*
+ * Compiles document, of which it takes the tape, into *out, for
+ * scheduler_release. ERR_LIMIT: its tables are too large, told in faults below
+ * pointer, the document's; ERR_MEMORY. Any thread.
+ */
+enum err evaluation_program(struct server *server, const char *pointer,
+    struct document *document, struct program **out, struct faults *faults);
 
 /*
  * Compiles document, of which it takes the tape, into *out, for

@@ -5,6 +5,7 @@
 #include "core/output.h"
 #include "proto/answer.h"
 #include "proto/answer_stream.h"
+#include "server/clock.h"
 #include "server/evaluation.h"
 #include "server/evaluation_internal.h"
 #include "server/exchange.h"
@@ -152,7 +153,9 @@ static ptrdiff_t read_text(void *ctx, char *out, size_t size)
 		    "beside the request's head", e->x->target);
 		return EXCHANGE_CUT;
 	}
+	e->printing -= clock_seconds();
 	n = e->text != NULL ? answer_stream_read(e->text, out, size) : 0;
+	e->printing += clock_seconds();
 	if (n > 0)
 		return (ptrdiff_t)n;
 	end_text(e);
@@ -196,9 +199,11 @@ static void reply_json(struct exchange *x, struct evaluation *e)
 {
 	unsigned flags = (e->flat ? ANSWER_FLAT : 0) |
 	    (e->job.is_draft ? ANSWER_DRAFT : 0);
+	double begin = clock_seconds();
 	enum err err = e->is_large ? stream_json(x, e, flags) :
 	    print_json(x, e, flags);
 
+	e->printing = clock_seconds() - begin;
 	if (err != ERR_OK)
 		exchange_reply_problem(x, problem_from_err(err), NULL,
 		    "The answer could not be written: %s.", err_message(err));

@@ -7,9 +7,11 @@
 #include "proto/eval_stream.h"
 #include "proto/fault.h"
 #include "proto/number.h"
+#include "server/clock.h"
 #include "server/config.h"
 #include "server/exchange.h"
 #include "server/limits.h"
+#include "server/metrics.h"
 #include "server/server.h"
 
 #define EVAL_TYPES (1u << MEDIA_JSON)
@@ -20,6 +22,7 @@ struct evaluation_body {
 	struct sink sink;
 	struct eval_stream *stream;
 	struct evaluation_terms terms;
+	double seconds; /* that its parts have taken to parse */
 };
 
 /* ---- as a sink ---- */
@@ -27,8 +30,11 @@ struct evaluation_body {
 static bool feed(struct sink *sink, const char *data, size_t length)
 {
 	struct evaluation_body *b = (struct evaluation_body *)sink;
+	double begin = clock_seconds();
+	enum err err = eval_stream_feed(b->stream, data, length);
 
-	return eval_stream_feed(b->stream, data, length) == ERR_OK;
+	b->seconds += clock_seconds() - begin;
+	return err == ERR_OK;
 }
 
 static size_t bytes(const struct sink *sink)
@@ -127,6 +133,7 @@ static void begin_stream(struct exchange *x,
 	}
 	b->sink = (struct sink){feed, bytes, free_body};
 	b->terms = *terms;
+	b->seconds = 0.0;
 	x->sink = &b->sink;
 }
 
@@ -161,9 +168,13 @@ enum err evaluation_body_finish(struct exchange *x, struct eval_request *out,
 {
 	struct evaluation_body *b = (struct evaluation_body *)x->sink;
 	const struct document_limits limits = limits_new(x->server);
+	double begin = clock_seconds();
+	enum err err = eval_stream_finish(b->stream, b->terms.outputs, &limits,
+	    out, faults);
 
-	return eval_stream_finish(b->stream, b->terms.outputs, &limits, out,
-	    faults);
+	metrics_observe(x->server->metrics, x, METRICS_PARSE, b->seconds +
+	    clock_seconds() - begin);
+	return err;
 }
 
 const struct evaluation_terms *evaluation_body_terms(const struct exchange *x)

@@ -65,6 +65,7 @@ struct evaluation {
 	size_t head_length, head_read;
 	size_t read;          /* bytes of the first piece that have left */
 	struct answer_stream *text;
+	double printing;      /* seconds */
 };
 
 /* What the exchange does when it is resumed for the first time: answers. */

@@ -1,19 +1,18 @@
 #include "server/exchange.h"
 
-#include <errno.h>
 #include <microhttpd.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
-#include <sys/socket.h>
 
 #include <cjson/cJSON.h>
 
 #include "proto/answer.h"
 #include "server/clock.h"
 #include "server/http.h"
+#include "server/json_memory.h"
 #include "server/server.h"
 
 /* ---- the request ---- */
@@ -160,11 +159,7 @@ void exchange_pause(struct exchange *x)
 
 bool exchange_is_connected(const struct exchange *x)
 {
-	char byte;
-	ssize_t n = recv(x->socket, &byte, 1, MSG_PEEK | MSG_DONTWAIT);
-
-	return n > 0 || (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK ||
-	    errno == EINTR));
+	return !http_client_has_gone(x);
 }
 
 /* ---- the answer ---- */
@@ -176,6 +171,7 @@ static void reply(struct exchange *x, unsigned status,
 		MHD_destroy_response(x->response);
 	x->response = response;
 	x->status = status;
+	x->problem = PROBLEM_COUNT;
 	x->answer_length = length;
 }
 
@@ -207,7 +203,9 @@ void exchange_reply_json(struct exchange *x, unsigned status,
 	char *line;
 
 	cJSON_Delete(json);
-	if (text == NULL) {
+	/* Without memory the tree may lack members. */
+	if (json_memory_was_short() || text == NULL) {
+		free(text);
 		exchange_reply_problem(x, PROBLEM_MEMORY, NULL,
 		    "There was no memory for the answer.");
 		return;
@@ -313,6 +311,19 @@ void exchange_reply_empty(struct exchange *x, unsigned status)
 	    MHD_RESPMEM_PERSISTENT), 0);
 }
 
+/* Says no more than which kind it is: there is no memory for that. Nothing of
+ * it is allocated but by libmicrohttpd. */
+static void reply_kind(struct exchange *x, const struct problem_kind *kind)
+{
+	char text[PROBLEM_TEXT_MAX];
+	size_t length = problem_print(kind, text);
+
+	reply(x, (unsigned)kind->status, MHD_create_response_from_buffer(
+	    length, text, MHD_RESPMEM_MUST_COPY), length);
+	exchange_add_header(x, "Content-Type",
+	    media_content_type(MEDIA_PROBLEM));
+}
+
 void exchange_reply_problem(struct exchange *x, enum problem problem,
     const struct faults *faults, const char *detail, ...)
 {
@@ -325,14 +336,17 @@ void exchange_reply_problem(struct exchange *x, enum problem problem,
 	va_start(args, detail);
 	vsnprintf(text, sizeof text, detail, args);
 	va_end(args);
+	json_memory_was_short(); /* it may be why this is answered */
 	json = answer_problem(kind->status, kind->slug, kind->title, text,
 	    faults, &length);
-	if (json == NULL) {
-		exchange_reply_empty(x, (unsigned)kind->status);
-		return;
+	if (json_memory_was_short() || json == NULL) {
+		free(json);
+		reply_kind(x, kind);
+	} else {
+		exchange_reply_data(x, (unsigned)kind->status, MEDIA_PROBLEM,
+		    json, length);
 	}
-	exchange_reply_data(x, (unsigned)kind->status, MEDIA_PROBLEM, json,
-	    length);
+	x->problem = problem;
 	if (kind->retry_after > 0) {
 		snprintf(seconds, sizeof seconds, "%d", kind->retry_after);
 		exchange_add_header(x, "Retry-After", seconds);

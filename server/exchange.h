@@ -14,6 +14,7 @@
 #include "core/err.h"
 #include "proto/request.h"
 #include "server/problem.h"
+#include "server/trace.h"
 
 struct MHD_Connection;
 struct MHD_Response;
@@ -21,6 +22,7 @@ struct cJSON;
 struct faults;
 struct route;
 struct server;
+struct token;
 
 #define EXCHANGE_ID_MAX 128
 #define EXCHANGE_TARGET_MAX 256
@@ -75,11 +77,19 @@ struct exchange {
 	void (*state_free)(void *state, struct server *server);
 	void (*resumed)(struct exchange *x); /* answers after exchange_resume */
 
+	/* who asks */
+	const struct token *token; /* access.h; NULL: nobody in particular */
+	char peer[48];             /* address, of the connection */
+	char request_id[TRACE_ID_MAX + 1];
+	char trace_id[33], parent_id[17]; /* of traceparent, or "" */
+	char forwarded_for[TRACE_FORWARDED_MAX + 1]; /* not to be trusted */
+
 	/* http.c's own */
 	struct MHD_Connection *connection;
 	int socket;
 	struct MHD_Response *response;
 	unsigned status;
+	enum problem problem; /* PROBLEM_COUNT: it was not answered with one */
 	size_t answer_length;
 	bool checked;        /* the first callback has seen it */
 	bool owed;           /* counted by http_owed */
@@ -92,6 +102,7 @@ struct exchange {
 	size_t body_seen;    /* bytes that have arrived */
 	struct exchange_stream stream;
 	double begun;        /* when the request line came, clock_seconds */
+	double arrived;      /* when its body was complete, or 0 */
 	double sending;      /* since when the answer leaves, clock_seconds,
 	                      * later by all pauses */
 	double paused;       /* when exchange_pause was called, or 0 */
@@ -99,6 +110,7 @@ struct exchange {
 	size_t target_length;             /* uncut */
 	const char *target_end;           /* in libmicrohttpd's memory */
 	bool path_has_nul, target_has_nul; /* as %00 */
+	bool target_is_odd;                /* has blanks, control characters */
 	char *joined[EXCHANGE_JOINED_MAX];
 };
 

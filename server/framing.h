@@ -10,9 +10,11 @@
 struct exchange;
 
 /*
- * Checks version, Host, Content-Length, Transfer-Encoding, Content-Encoding and
- * the length that the head promises. True: all is well; false: answered with
- * what is wrong.
+ * Checks the bytes of the head (tokens, line ends, no folding, no control
+ * characters), version, Host, Content-Length, Transfer-Encoding,
+ * Content-Encoding and the length that the head promises. True: all is well;
+ * false: answered with what is wrong, and the connection is closed behind it.
+ * Call in the first access callback: the head is where it was read to.
  */
 bool framing_check(struct exchange *x, const char *version);
 

@@ -12,6 +12,11 @@ static enum err import(struct exchange *x, struct imported *out,
 {
 	const struct document_limits limits = limits_new(x->server);
 
+	if (x->body_length > limits.max_bytes) {
+		faults_add(faults, "", "the document has %zu bytes; %zu are "
+		    "the most", x->body_length, limits.max_bytes);
+		return ERR_LIMIT;
+	}
 	return import_blobtree(x->body != NULL ? x->body : "", x->body_length,
 	    &limits, out, faults);
 }

@@ -2,11 +2,13 @@
 
 #include <cjson/cJSON.h>
 
+#include "server/access.h"
 #include "server/asset.h"
 #include "server/asset_reply.h"
 #include "server/clock.h"
 #include "server/config.h"
 #include "server/evaluation.h"
+#include "server/events.h"
 #include "server/exchange.h"
 #include "server/handlers.h"
 #include "server/routes.h"
@@ -121,6 +123,7 @@ static void add_queue(cJSON *json, const struct scheduler_stats *stats)
 	cJSON_AddNumberToObject(queue, "completed", (double)stats->completed);
 	cJSON_AddNumberToObject(queue, "points", (double)stats->points);
 	cJSON_AddNumberToObject(queue, "launches", (double)stats->launches);
+	cJSON_AddNumberToObject(queue, "launched", (double)stats->launched);
 	cJSON_AddNumberToObject(queue, "batched", (double)stats->batched);
 	cJSON_AddNumberToObject(queue, "expired", (double)stats->expired);
 	cJSON_AddNumberToObject(queue, "abandoned", (double)stats->abandoned);
@@ -158,6 +161,53 @@ static void add_volumes(cJSON *json, const struct server *server)
 	    (double)server->config->device.volume_bytes);
 }
 
+/* Never where: addresses and folders are not every reader's business. */
+static const char *store_kind(const struct config *config)
+{
+	if (config->store[0] != '\0')
+		return "redis";
+	return strcmp(config->data, ":memory:") == 0 ? "memory" : "sqlite";
+}
+
+static void add_store(cJSON *json, const struct server *server)
+{
+	cJSON *store = cJSON_AddObjectToObject(json, "store");
+
+	cJSON_AddStringToObject(store, "kind", store_kind(server->config));
+	cJSON_AddBoolToObject(store, "ready",
+	    scene_store_is_ready(server->scenes));
+	cJSON_AddBoolToObject(store, "well",
+	    scene_store_is_well(server->scenes));
+	cJSON_AddNumberToObject(store, "waiting",
+	    (double)scene_store_waiting(server->scenes));
+	cJSON_AddNumberToObject(store, "history",
+	    (double)server->config->history);
+	cJSON_AddNumberToObject(store, "bytes",
+	    (double)scene_store_bytes(server->scenes));
+}
+
+static void add_listeners(cJSON *json, const struct server *server)
+{
+	cJSON *listeners = cJSON_AddObjectToObject(json, "listeners");
+	struct events_stats stats;
+
+	events_get_stats(server->events, &stats);
+	cJSON_AddNumberToObject(listeners, "count", (double)stats.listeners);
+	cJSON_AddNumberToObject(listeners, "max",
+	    (double)server->config->max_listeners);
+	cJSON_AddNumberToObject(listeners, "sent", (double)stats.sent);
+	cJSON_AddNumberToObject(listeners, "cut", (double)stats.cut);
+}
+
+static void add_security(cJSON *json, const struct server *server)
+{
+	cJSON *security = cJSON_AddObjectToObject(json, "security");
+
+	cJSON_AddBoolToObject(security, "tokens",
+	    access_is_closed(server->access));
+	cJSON_AddBoolToObject(security, "tls", server->tls != NULL);
+}
+
 void handle_info(struct exchange *x)
 {
 	const struct server *server = x->server;
@@ -179,5 +229,8 @@ void handle_info(struct exchange *x)
 	cJSON_AddNumberToObject(json, "scenes",
 	    (double)scene_store_count(server->scenes));
 	add_volumes(json, server);
+	add_store(json, server);
+	add_listeners(json, server);
+	add_security(json, server);
 	exchange_reply_json(x, 200, json);
 }

@@ -10,6 +10,7 @@
 #include "server/exchange.h"
 #include "server/handlers.h"
 #include "server/scene_document.h"
+#include "server/scene_refresh.h"
 #include "server/scene_reply.h"
 #include "server/scene_store.h"
 #include "server/server.h"
@@ -96,17 +97,12 @@ static void reply_blend(struct exchange *x, const struct scene *scene,
 	exchange_add_header(x, "ETag", scene->etag);
 }
 
-static void answer_scene(struct exchange *x, const struct scene *scene,
-    const struct precondition *precondition)
+static void answer_scene(struct exchange *x, const struct scene *scene)
 {
 	struct opening_request request;
 	struct faults faults = {0};
 	enum err err;
 
-	if (!precondition_match(precondition, scene->etag)) {
-		scene_reply_changed(x);
-		return;
-	}
 	err = opening_request_parse(x->body != NULL ? x->body : "",
 	    x->body_length, &request, &faults);
 	if (err == ERR_OK)
@@ -124,11 +120,9 @@ void handle_opening_angle(struct exchange *x)
 	if (!exchange_check_content_type(x, 1u << MEDIA_JSON, &type) ||
 	    !scene_reply_preconditions(x, &precondition))
 		return;
-	scene = scene_store_get(x->server->scenes, x->id);
-	if (scene == NULL) {
-		scene_reply_absent(x);
+	scene = scene_refresh_get(x, &precondition);
+	if (scene == NULL)
 		return;
-	}
-	answer_scene(x, scene, &precondition);
+	answer_scene(x, scene);
 	scene_release(scene);
 }

@@ -7,6 +7,7 @@
 #include "proto/answer.h"
 #include "proto/fault.h"
 #include "proto/order.h"
+#include "server/access.h"
 #include "server/config.h"
 #include "server/evaluation.h"
 #include "server/exchange.h"
@@ -130,9 +131,14 @@ static void reply_refusal(struct exchange *x, enum err err)
 
 static void begin(struct exchange *x, const struct order *order)
 {
-	struct order_job *job = calloc(1, sizeof *job);
+	const size_t n = order->op.resolution > 0 ?
+	    (size_t)order->op.resolution : TABLE_RESOLUTION_MAX;
+	struct order_job *job;
 	enum err err;
 
+	if (!access_take_points(x, NULL, ACCESS_NODE_POINTS * n * n * n))
+		return;
+	job = calloc(1, sizeof *job);
 	if (job == NULL) {
 		reply_failure(x, ERR_MEMORY);
 		return;

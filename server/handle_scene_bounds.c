@@ -11,9 +11,9 @@
 #include "server/handlers.h"
 #include "server/program.h"
 #include "server/scene_document.h"
+#include "server/scene_refresh.h"
 #include "server/scene_reply.h"
 #include "server/scene_store.h"
-#include "server/server.h"
 #include "server/surface.h"
 #include "server/task.h"
 
@@ -146,21 +146,14 @@ void handle_scene_bounds(struct exchange *x)
 
 	if (!scene_reply_preconditions(x, &precondition))
 		return;
-	scene = scene_store_get(x->server->scenes, x->id);
-	if (scene == NULL) {
-		scene_reply_absent(x);
+	scene = scene_refresh_get(x, &precondition);
+	if (scene == NULL)
 		return;
-	}
-	if (precondition_match(&precondition, scene->etag) &&
-	    precondition_none_match(&precondition, scene->etag)) {
+	if (precondition_none_match(&precondition, scene->etag)) {
 		answer_bounds(x, scene);
 		return;
 	}
-	if (!precondition_match(&precondition, scene->etag)) {
-		scene_reply_changed(x);
-	} else {
-		exchange_reply_empty(x, 304);
-		exchange_add_header(x, "ETag", scene->etag);
-	}
+	exchange_reply_empty(x, 304);
+	exchange_add_header(x, "ETag", scene->etag);
 	scene_release(scene);
 }

@@ -5,9 +5,9 @@
 #include "server/exchange.h"
 #include "server/handlers.h"
 #include "server/program.h"
+#include "server/scene_refresh.h"
 #include "server/scene_reply.h"
 #include "server/scene_store.h"
-#include "server/server.h"
 
 static void evaluate_scene(struct exchange *x, struct scene *scene)
 {
@@ -35,14 +35,9 @@ void handle_scene_eval(struct exchange *x)
 
 	if (!scene_reply_preconditions(x, &precondition))
 		return;
-	scene = scene_store_get(x->server->scenes, x->id);
-	if (scene == NULL) {
-		scene_reply_absent(x);
+	scene = scene_refresh_get(x, &precondition);
+	if (scene == NULL)
 		return;
-	}
-	if (precondition_match(&precondition, scene->etag))
-		evaluate_scene(x, scene);
-	else
-		scene_reply_changed(x);
+	evaluate_scene(x, scene);
 	scene_release(scene);
 }

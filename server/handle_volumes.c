@@ -10,10 +10,12 @@
 #include "proto/fault.h"
 #include "proto/grid_npy.h"
 #include "proto/number.h"
+#include "server/backing.h"
 #include "server/config.h"
 #include "server/evaluation.h"
 #include "server/exchange.h"
 #include "server/handlers.h"
+#include "server/scene_store.h"
 #include "server/server.h"
 #include "server/volume_store.h"
 
@@ -70,7 +72,8 @@ static void reply_full(struct exchange *x, size_t need)
 	volume_store_get_stats(x->server->volumes, &stats);
 	exchange_reply_problem(x, PROBLEM_STORE_FULL, NULL,
 	    "Volumes, deleted ones that scenes still use included, take %zu "
-	    "of at most %zu bytes; this one needs %zu, and there may be %d. "
+	    "of at most %zu bytes (--volume-memory); this one needs %zu, and "
+	    "there may be %d. "
 	    "Delete some, and the scenes that use them.", stats.bytes,
 	    x->server->config->device.volume_bytes, need, VOLUME_STORE_MAX);
 }
@@ -171,20 +174,132 @@ static bool check_spacing(const struct wanted *w, const struct grid *grid,
 
 /* ---- requests ---- */
 
-static void keep(struct exchange *x, const struct wanted *w,
-    const struct grid *grid)
-{
+/* A volume that arrives, or goes, and x that waits for it: x->state. */
+struct waiting {
+	struct scene_change change;
+	struct backing_volume volume;
 	struct volume_entry entry;
+	void *data;       /* of volume */
 	bool is_new;
-	enum err err = volume_store_add(x->server->volumes, grid,
-	    vec3(w->min[0], w->min[1], w->min[2]),
-	    vec3(w->max[0], w->max[1], w->max[2]), w->is_distance, &entry,
-	    &is_new);
+	struct exchange *x;
+};
 
+static void free_waiting(void *state, struct server *server)
+{
+	struct waiting *w = state;
+
+	(void)server;
+	free(w->data);
+	free(w);
+}
+
+/* It is seen only now that it is kept, or goes. */
+static void settle(struct waiting *w)
+{
+	struct volume_store *volumes = w->x->server->volumes;
+	bool is_done = w->change.result == ERR_OK;
+
+	if (w->change.kind == VOLUME_KEEP)
+		volume_store_settle(volumes, w->entry.id, is_done);
+	else if (is_done)
+		volume_store_delete(volumes, w->entry.id);
+	free(w->data);
+	w->data = NULL;
+}
+
+static void on_done(void *ctx)
+{
+	struct waiting *w = ctx;
+
+	settle(w);
+	exchange_resume(w->x);
+}
+
+static void answer(struct exchange *x)
+{
+	struct waiting *w = x->state;
+
+	if (w->change.result != ERR_OK)
+		exchange_reply_problem(x, problem_from_err(w->change.result),
+		    NULL, "The volume could not be %s: %s; nothing has "
+		    "changed.", w->change.kind == VOLUME_KEEP ? "kept" :
+		    "deleted", err_message(w->change.result));
+	else if (w->change.kind == VOLUME_KEEP)
+		reply_kept(x, &w->entry, w->is_new);
+	else
+		exchange_reply_empty(x, 204);
+}
+
+/* Has x wait until what w says is on disk. */
+static void submit(struct exchange *x, struct waiting *w,
+    enum scene_change_kind kind)
+{
+	enum err err;
+
+	w->x = x;
+	w->volume.id = w->entry.id;
+	w->change.kind = kind;
+	w->change.volume = &w->volume;
+	w->change.done = on_done;
+	w->change.ctx = w;
+	x->state = w;
+	x->state_free = free_waiting;
+	x->resumed = answer;
+	exchange_wait(x);
+	err = scene_store_submit(x->server->scenes, &w->change);
 	if (err == ERR_OK)
-		reply_kept(x, &entry, is_new);
-	else if (err == ERR_LIMIT)
-		reply_full(x, volume_store_need(grid));
+		return;
+	w->change.result = err;
+	on_done(w);
+}
+
+static struct waiting *make_waiting(struct exchange *x)
+{
+	struct waiting *w = calloc(1, sizeof *w);
+
+	if (w == NULL)
+		exchange_reply_problem(x, PROBLEM_MEMORY, NULL,
+		    "There was no memory for the volume.");
+	return w;
+}
+
+/* grid's samples go to the bytes that are to be kept, and are read there. */
+static enum err encode(struct waiting *w, const struct wanted *wanted,
+    struct grid *grid)
+{
+	struct vec3 min = vec3(wanted->min[0], wanted->min[1], wanted->min[2]);
+	struct vec3 max = vec3(wanted->max[0], wanted->max[1], wanted->max[2]);
+	struct grid kept = *grid;
+	enum err err = volume_store_encode(grid, min, max, wanted->is_distance,
+	    &w->data, &w->volume.length);
+
+	if (err != ERR_OK)
+		return err;
+	grid_fini(grid);
+	w->volume.data = w->data;
+	kept.samples = volume_store_samples(w->data);
+	return volume_store_add(w->x->server->volumes, &kept, min, max,
+	    wanted->is_distance, &w->entry, &w->is_new);
+}
+
+static void keep(struct exchange *x, const struct wanted *wanted,
+    struct grid *grid)
+{
+	struct waiting *w = make_waiting(x);
+	size_t need = volume_store_need(grid);
+	enum err err;
+
+	if (w == NULL)
+		return;
+	w->x = x;
+	err = encode(w, wanted, grid);
+	if (err == ERR_OK) {
+		submit(x, w, VOLUME_KEEP);
+		return;
+	}
+	free_waiting(w, x->server);
+	if (err == ERR_LIMIT)
+		reply_full(x, need);
 	else
 		exchange_reply_problem(x, problem_from_err(err), NULL,
 		    "The volume could not be kept: %s.", err_message(err));
@@ -252,10 +367,18 @@ void handle_volume_get(struct exchange *x)
 		reply_absent(x);
 }
 
+/* Marked as forgotten; what no scene uses is then removed by and by. */
 void handle_volume_delete(struct exchange *x)
 {
-	if (volume_store_delete(x->server->volumes, x->id) == ERR_OK)
-		exchange_reply_empty(x, 204);
-	else
+	struct waiting *w = make_waiting(x);
+
+	if (w == NULL)
+		return;
+	if (volume_store_get(x->server->volumes, x->id, &w->entry) != ERR_OK) {
+		free_waiting(w, x->server);
 		reply_absent(x);
+		return;
+	}
+	w->volume.is_forgotten = true;
+	submit(x, w, VOLUME_FORGET);
 }

@@ -20,6 +20,23 @@ void handle_scene_get(struct exchange *x);
 void handle_scene_put(struct exchange *x);
 void handle_scene_delete(struct exchange *x);
 
+/* handle_scene_patch.c; what it takes, for Accept-Patch */
+#define HANDLERS_PATCH_TYPES \
+	"application/json-patch+json, application/merge-patch+json"
+void handle_scene_patch(struct exchange *x);
+
+/* handle_scene_revisions.c */
+void handle_scene_revisions(struct exchange *x);
+
+/* handle_scene_events.c */
+void handle_scene_events(struct exchange *x);
+
+/* handle_tokens.c */
+void handle_tokens(struct exchange *x);
+
+/* handle_metrics.c */
+void handle_metrics(struct exchange *x);
+
 /* handle_scene_eval.c */
 void handle_scene_eval(struct exchange *x);
 

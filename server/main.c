@@ -15,11 +15,15 @@
 #include <unistd.h>
 
 #include "kernels/cache_file.h"
+#include "server/access.h"
 #include "server/clock.h"
 #include "server/config.h"
+#include "server/events.h"
 #include "server/filler.h"
 #include "server/http.h"
 #include "server/log.h"
+#include "server/metrics.h"
+#include "server/notify.h"
 #include "server/orders.h"
 #include "server/scene_store.h"
 #include "server/scheduler.h"
@@ -27,12 +31,10 @@
 #include "server/table_cache.h"
 #include "server/tables.h"
 #include "server/task.h"
+#include "server/tls.h"
 #include "server/volume_store.h"
 
-/* How long a drain may take before what is left is given up. */
-#define DRAIN_SECONDS 60.0
-
-/* ... and before a client that takes nothing of its answer is cut off: others
+/* Of a drain: before a client that takes nothing of its answer is cut off: others
  * wait for the end. */
 #define STALL_SECONDS 10.0
 
@@ -43,6 +45,12 @@
  * sooner than this is no wish to give up. */
 #define PATIENCE_SECONDS 1.0
 
+/* What stopping takes at most once the drain is over, and what waiting for a
+ * store that is away may take before it is asked again: for the service
+ * manager, which would give up sooner. */
+#define STOP_SECONDS 30
+#define AWAY_SECONDS 30
+
 /* How long the daemon runs before it has its kernels put in the cache, which
  * takes a core half a minute: one that runs for less need not begin. */
 #define FILL_AFTER_SECONDS 10.0
@@ -50,6 +58,7 @@
 /* What the main thread waits for. */
 enum told {
 	TOLD_NOTHING,
+	TOLD_TO_RELOAD,
 	TOLD_TO_STOP,
 	TOLD_OF_FAILURE
 };
@@ -58,6 +67,8 @@ enum told {
 struct ears {
 	int signals;
 	int failure;
+	int news;            /* something that is_ready() asks for */
+	bool hears_terminal; /* SIGHUP says that it has gone, not: reload */
 };
 
 struct daemon {
@@ -65,6 +76,8 @@ struct daemon {
 	struct ears ears;
 	struct table_cache *cache; /* or NULL */
 	struct filler filler;
+	bool is_ready;      /* has been, and the service manager knows */
+	const char *status; /* that it knows */
 };
 
 static void on_tables_changed(void *ctx)
@@ -83,6 +96,7 @@ static void on_ready(void *ctx)
 	log_write(LOG_INFO, "ready after %.0f ms%s",
 	    1e3 * (clock_seconds() - d->server.started),
 	    stats.device.is_cached ? ", kernels from the cache" : "");
+	eventfd_write(d->ears.news, 1);
 	tables_measure(d->server.tables);
 }
 
@@ -179,38 +193,114 @@ static bool open_ears(struct ears *ears)
 		sigaddset(&set, SIGHUP);
 	pthread_sigmask(SIG_BLOCK, &set, NULL);
 	signal(SIGPIPE, SIG_IGN);
+	signal(SIGXFSZ, SIG_IGN); /* writes fail instead */
+	ears->hears_terminal = isatty(STDIN_FILENO);
 	ears->signals = signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK);
 	ears->failure = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-	return ears->signals >= 0 && ears->failure >= 0;
+	ears->news = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+	return ears->signals >= 0 && ears->failure >= 0 && ears->news >= 0;
 }
 
 /* What comes within so many milliseconds; a signal, or a failure, once. */
 static enum told listen_for(const struct ears *ears, int milliseconds)
 {
-	struct pollfd fds[2] = {
+	struct pollfd fds[3] = {
 		{.fd = ears->signals, .events = POLLIN},
 		{.fd = ears->failure, .events = POLLIN},
+		{.fd = ears->news, .events = POLLIN},
 	};
 	struct signalfd_siginfo info;
 	eventfd_t event;
 
-	poll(fds, 2, milliseconds);
+	poll(fds, 3, milliseconds);
+	eventfd_read(ears->news, &event);
 	if (read(ears->signals, &info, sizeof info) == sizeof info)
-		return TOLD_TO_STOP;
+		return info.ssi_signo == SIGHUP && !ears->hears_terminal ?
+		    TOLD_TO_RELOAD : TOLD_TO_STOP;
 	return eventfd_read(ears->failure, &event) == 0 ? TOLD_OF_FAILURE :
 	    TOLD_NOTHING;
 }
 
-/* Serves until told something. */
+/* What is wrong is logged, and changes nothing. A manager that is told of it
+ * before the daemon is ready would take it for ready after. */
+static void reload(struct daemon *d)
+{
+	if (d->is_ready)
+		notify_reloading();
+	log_write(LOG_INFO, "reloading");
+	access_reload(d->server.access);
+	if (d->server.tls != NULL)
+		tls_reload(d->server.tls);
+	if (d->is_ready)
+		notify_ready();
+}
+
+/* What a person is told; NULL: all is well. */
+static const char *trouble(struct daemon *d)
+{
+	struct scheduler_stats stats;
+
+	scheduler_get_stats(d->server.scheduler, &stats);
+	if (!stats.ready)
+		return d->is_ready ? "the device is away" :
+		    "the device is being made ready";
+	if (!scene_store_is_ready(d->server.scenes))
+		return "the store is away, and has not been read yet";
+	if (!scene_store_is_well(d->server.scenes))
+		return "changes cannot be kept: the store is away, or full";
+	return NULL;
+}
+
+/* Tells the service manager what has changed. */
+static void tend_status(struct daemon *d)
+{
+	const char *status = trouble(d);
+	struct scheduler_stats stats;
+
+	scheduler_get_stats(d->server.scheduler, &stats);
+	if (!d->is_ready && stats.ready &&
+	    scene_store_is_ready(d->server.scenes)) {
+		d->is_ready = true;
+		notify_ready();
+	}
+	/* A store comes when it comes; a device that does not is a failure. */
+	if (!d->is_ready && stats.ready)
+		notify_patience(AWAY_SECONDS);
+	if (status == NULL)
+		status = "serving";
+	if (status != d->status)
+		notify_status(status);
+	d->status = status;
+}
+
+/*
+ * No sign of life while a launch hangs: only a new process gets the device back.
+ * One that is lost is no reason, since it is opened anew. Calls here take the
+ * scheduler's and the store's locks, so that a lock that is never released
+ * silences it, too.
+ */
+static void tend(struct daemon *d)
+{
+	http_reap(d->server.http);
+	events_tend(d->server.events);
+	tend_filler(d);
+	tend_status(d);
+	if (scheduler_watch(d->server.scheduler))
+		notify_alive();
+}
+
+/* Serves until told to stop, or of a failure. */
 static enum told serve(struct daemon *d)
 {
-	enum told told;
+	for (;;) {
+		enum told told = listen_for(&d->ears, 1000);
 
-	while ((told = listen_for(&d->ears, 1000)) == TOLD_NOTHING) {
-		http_reap(d->server.http);
-		tend_filler(d);
+		if (told == TOLD_TO_RELOAD)
+			reload(d);
+		else if (told != TOLD_NOTHING)
+			return told;
+		tend(d);
 	}
-	return told;
 }
 
 /* Whether nothing is left to do since the drain began. */
@@ -236,23 +326,71 @@ static void drain_scheduler(struct server *server)
 		scheduler_drain(server->scheduler);
 }
 
-/* Finishes what runs and what is queued. A signal after a while ends it at
- * once. */
-static void drain(struct server *server, const struct ears *ears)
+/*
+ * Not ready, but serving: for a load balancer to see it before connections are
+ * refused. A second signal ends it.
+ */
+static void delay(struct daemon *d)
 {
-	double begin = clock_seconds(), idle_since = begin;
+	double begin = clock_seconds();
+	double most = (double)d->server.config->drain_delay;
 
+	if (most > 0.0)
+		log_write(LOG_INFO, "not ready any more; draining in %.0f s",
+		    most);
+	for (;;) {
+		double seconds = clock_seconds() - begin;
+		bool told;
+
+		if (seconds >= most)
+			return;
+		told = listen_for(&d->ears, 100) == TOLD_TO_STOP;
+		http_reap(d->server.http);
+		notify_alive();
+		if (told && seconds > PATIENCE_SECONDS)
+			return;
+	}
+}
+
+/* Has everybody refuse what is new. */
+static void begin_drain(struct server *server)
+{
 	log_write(LOG_INFO, "draining");
-	atomic_store(&server->draining, true);
+	events_drain(server->events);
 	http_quiesce(server->http);
 	tasks_drain(server->tasks);
 	drain_scheduler(server);
 	orders_drain(server->orders);
+}
+
+/* Readiness is the first to go. */
+static void leave(struct daemon *d)
+{
+	const struct config *config = d->server.config;
+
+	atomic_store(&d->server.draining, true);
+	notify_stopping();
+	notify_status("draining");
+	notify_patience((unsigned)(config->drain_delay + config->drain_time) +
+	    STOP_SECONDS);
+	delay(d);
+	begin_drain(&d->server);
+}
+
+/* Finishes what runs and what is queued. A signal after a while ends it at
+ * once. */
+static void drain(struct daemon *d)
+{
+	struct server *server = &d->server;
+	double begin = clock_seconds(), idle_since = begin;
+	double most = (double)server->config->drain_time;
+
 	while (!is_drained(server, &idle_since)) {
 		double seconds;
-		bool told = listen_for(ears, 20) == TOLD_TO_STOP;
+		bool told = listen_for(&d->ears, 20) == TOLD_TO_STOP;
 
 		drain_scheduler(server);
+		notify_alive();
 		seconds = clock_seconds() - begin;
 		if (seconds > STALL_SECONDS)
 			http_cut_stalled(server->http, STALL_SECONDS);
@@ -260,9 +398,9 @@ static void drain(struct server *server, const struct ears *ears)
 			log_write(LOG_WARNING, "second signal: giving up");
 			_exit(1);
 		}
-		if (seconds > DRAIN_SECONDS) {
+		if (seconds > most) {
 			log_write(LOG_WARNING, "still busy after %.0f s: "
-			    "giving up the rest", DRAIN_SECONDS);
+			    "giving up the rest", most);
 			break;
 		}
 	}
@@ -297,21 +435,35 @@ static enum err check_device(const struct device_options *options)
 	return err;
 }
 
-/* What fails soonest comes first. */
+/* What the configuration names, besides the store. */
+static enum err read_files(struct server *server)
+{
+	const struct config *config = server->config;
+	enum err err = access_create(config, &server->access);
+
+	if (err == ERR_OK && config->tls_cert[0] != '\0')
+		err = tls_create(config->tls_cert, config->tls_key,
+		    &server->tls);
+	/* Missing or unreadable, they are as wrong as what is in them. */
+	return err == ERR_IO || err == ERR_SYNTAX ? ERR_INVALID : err;
+}
+
+/* What fails soonest comes first. ERR_INVALID: no new start would mend it. */
 static enum err start(struct daemon *d, char url[static HTTP_URL_MAX])
 {
 	struct server *server = &d->server;
 	const struct config *config = server->config;
 	enum err err;
 
-	err = http_listen(server, url);
+	err = metrics_create(&server->metrics);
+	if (err == ERR_OK)
+		err = read_files(server);
+	if (err == ERR_OK)
+		err = http_listen(server, url);
 	if (err == ERR_OK)
 		err = check_device(&config->device);
 	if (err == ERR_OK)
 		err = tables_create(config->layout, &server->tables);
-	if (err == ERR_OK)
-		err = scene_store_create(config->max_scenes,
-		    config->scene_memory, &server->scenes);
 	if (err == ERR_OK)
 		err = volume_store_create(config->device.volume_bytes,
 		    &server->volumes);
@@ -320,6 +472,10 @@ static enum err start(struct daemon *d, char url[static HTTP_URL_MAX])
 		    &d->cache);
 	if (err == ERR_OK)
 		err = start_scheduler(d);
+	if (err == ERR_OK)
+		err = events_create(config->max_listeners, &server->events);
+	if (err == ERR_OK)
+		err = scene_store_create(server, &server->scenes);
 	if (err == ERR_OK)
 		err = tables_start(server->tables, config->measure, d->cache,
 		    on_tables_changed, server);
@@ -339,6 +495,10 @@ static enum err start(struct daemon *d, char url[static HTTP_URL_MAX])
  */
 static void stop(struct server *server)
 {
+	if (server->events != NULL)
+		events_drain(server->events);
+	if (server->scenes != NULL)
+		scene_store_stop(server->scenes);
 	if (server->tasks != NULL)
 		tasks_stop(server->tasks);
 	if (server->scheduler != NULL)
@@ -347,6 +507,7 @@ static void stop(struct server *server)
 		orders_stop(server->orders);
 	http_stop(server->http);
 	tasks_free(server->tasks);
+	events_free(server->events);
 	scene_store_free(server->scenes);
 	volume_store_free(server->volumes);
 	if (server->tables != NULL)
@@ -354,6 +515,9 @@ static void stop(struct server *server)
 	tables_free(server->tables);
 	orders_free(server->orders);
 	scheduler_free(server->scheduler);
+	tls_free(server->tls);
+	access_free(server->access);
+	metrics_free(server->metrics);
 }
 
 static int run(const struct config *config, char **argv)
@@ -372,9 +536,15 @@ static int run(const struct config *config, char **argv)
 		fflush(stdout);
 		status = serve(&d) == TOLD_TO_STOP ? 0 : 1;
 		filler_stop(&d.filler);
-		drain(&d.server, &d.ears);
+		leave(&d);
+		drain(&d);
 	} else {
-		log_write(LOG_ERROR, "cannot start: %s", err_message(err));
+		notify_status("cannot start; the log says why");
+		log_write(LOG_ERROR, "cannot start: %s", err == ERR_INVALID ?
+		    "the configuration, or what it names, is wrong" :
+		    err_message(err));
+		/* Supervisors need not try again. */
+		status = err == ERR_INVALID ? 2 : 1;
 	}
 	stop(&d.server);
 	table_cache_free(d.cache);
@@ -429,7 +599,9 @@ int main(int argc, char **argv)
 	case CONFIG_RUN:
 		break;
 	}
-	log_set_level(config.log_level);
+	if (config.make_token[0] != NULL)
+		return access_make_token(config.make_token[0],
+		    config.make_token[1]);
 	if (config.list_devices)
 		return list_devices();
 	prepare_cache(&config);

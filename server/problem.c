@@ -1,11 +1,16 @@
 #include "server/problem.h"
 
+#include <stdio.h>
+
 static const struct problem_kind kinds[PROBLEM_COUNT] = {
 	[PROBLEM_MALFORMED] = {400, "malformed", "Malformed request", 0},
+	[PROBLEM_UNAUTHORIZED] = {401, "unauthorized", "Unauthorized", 0},
+	[PROBLEM_FORBIDDEN] = {403, "forbidden", "Forbidden", 0},
 	[PROBLEM_NOT_FOUND] = {404, "not-found", "Not found", 0},
 	[PROBLEM_METHOD] = {405, "method-not-allowed", "Method not allowed", 0},
 	[PROBLEM_NOT_ACCEPTABLE] = {406, "not-acceptable",
 	    "No acceptable representation", 0},
+	[PROBLEM_CONFLICT] = {409, "conflict", "Conflict", 0},
 	[PROBLEM_PRECONDITION] = {412, "precondition-failed",
 	    "Precondition failed", 0},
 	[PROBLEM_TOO_LARGE] = {413, "too-large", "Request body too large", 0},
@@ -14,6 +19,7 @@ static const struct problem_kind kinds[PROBLEM_COUNT] = {
 	    "Unsupported media type", 0},
 	[PROBLEM_INVALID] = {422, "invalid", "Invalid content", 0},
 	[PROBLEM_LIMIT] = {422, "limit", "Limit exceeded", 0},
+	[PROBLEM_TOO_MANY] = {429, "too-many-requests", "Too many requests", 1},
 	[PROBLEM_INTERNAL] = {500, "internal", "Internal error", 0},
 	[PROBLEM_NOT_IMPLEMENTED] = {501, "not-implemented",
 	    "Not implemented", 0},
@@ -21,6 +27,9 @@ static const struct problem_kind kinds[PROBLEM_COUNT] = {
 	[PROBLEM_DRAINING] = {503, "draining", "Shutting down", 5},
 	[PROBLEM_NOT_READY] = {503, "not-ready", "Not ready", 1},
 	[PROBLEM_MEMORY] = {503, "out-of-memory", "Out of memory", 2},
+	[PROBLEM_UNAVAILABLE] = {503, "store-unavailable",
+	    "Store unavailable", 2},
+	[PROBLEM_DEVICE] = {503, "device-lost", "Device lost", 2},
 	[PROBLEM_DEADLINE] = {504, "deadline", "Deadline passed", 0},
 	[PROBLEM_VERSION] = {505, "http-version",
 	    "HTTP version not supported", 0},
@@ -38,15 +47,24 @@ static const enum problem from_err[ERR_COUNT] = {
 	[ERR_BUSY] = PROBLEM_QUEUE_FULL,
 	[ERR_CANCELLED] = PROBLEM_DRAINING,
 	[ERR_DEADLINE] = PROBLEM_DEADLINE,
-	[ERR_DEVICE] = PROBLEM_INTERNAL,
+	[ERR_DEVICE] = PROBLEM_DEVICE,
 	[ERR_DEVICE_BUILD] = PROBLEM_INTERNAL,
 	[ERR_DEVICE_MEMORY] = PROBLEM_MEMORY,
 	[ERR_IO] = PROBLEM_INTERNAL,
+	[ERR_UNAVAILABLE] = PROBLEM_UNAVAILABLE,
 };
 
 const struct problem_kind *problem_kind(enum problem problem)
 {
 	return &kinds[problem];
+}
+
+size_t problem_print(const struct problem_kind *kind,
+    char out[static PROBLEM_TEXT_MAX])
+{
+	return (size_t)snprintf(out, PROBLEM_TEXT_MAX, "{\"type\":"
+	    "\"/problems/%s\",\"title\":\"%s\",\"status\":%d}\n",
+	    kind->slug, kind->title, kind->status);
 }
 
 enum problem problem_from_err(enum err err)

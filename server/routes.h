@@ -7,11 +7,14 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "server/access.h"
+
 struct exchange;
 
 struct route {
 	const char *method;   /* GET also serves HEAD */
 	const char *pattern;  /* "{id}" stands for one segment */
+	enum role role;       /* that a token must have */
 	const char *query;    /* parameters it knows: " a b" or "" */
 	bool has_body;
 	void (*open)(struct exchange *x); /* before its body: may say what
@@ -39,6 +42,14 @@ enum route_outcome {
 enum route_outcome route_find(const char *method, const char *path,
     const struct route **out, char *id, size_t id_size,
     char allow[static ROUTE_ALLOW_MAX]);
+
+/*
+ * Whether a path, as sent, of length bytes, has an escape that stands for a '/'
+ * (%2F) or for a character that needs none (RFC 3986, section 2.3). No path here
+ * needs them, and proxies that decide by the path see another one than the
+ * daemon: they are as paths that do not exist.
+ */
+bool route_has_odd_escape(const char *path, size_t length);
 
 /* Which of the parameters that route knows name is; -1: none. */
 int route_query_index(const struct route *route, const char *name);

@@ -1,149 +1,149 @@
-#include "server/scene_store.h"
+#include "server/scene_store_internal.h"
 
-#include <pthread.h>
-#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/random.h>
 
-#include "core/tape.h"
-#include "server/program.h"
-#include "server/scheduler.h"
+#include "server/config.h"
+#include "server/log.h"
+#include "server/scene_worker.h"
+#include "server/server.h"
 
-struct scene_store {
-	pthread_rwlock_t lock;  /* guards the rest */
-	struct scene **scenes;  /* sorted by id */
-	size_t count, size, most;
-	size_t bytes, bytes_most;
-};
+/* ---- what a backing tells ---- */
 
-/* ---- revisions ---- */
-
-static void scene_free(struct scene *scene)
+static void guard(void *ctx, bool is_begun)
 {
-	if (scene->program != NULL)
-		scheduler_release(scene->scheduler, scene->program);
-	free(scene->name);
-	free(scene->text);
-	free(scene);
+	struct scene_store *store = ctx;
+
+	if (is_begun)
+		pthread_mutex_lock(&store->turn);
+	else
+		pthread_mutex_unlock(&store->turn);
 }
 
-static size_t tape_bytes(const struct tape *tape)
+static void on_lost(void *ctx)
 {
-	return sizeof *tape + tape->insn_count *
-	    (sizeof *tape->insns + sizeof *tape->boxes) +
-	    tape->param_count * sizeof *tape->params +
-	    tape->operator_count * sizeof *tape->operators;
+	struct scene_store *store = ctx;
+
+	atomic_store(&store->must_load, true);
+	scene_writer_wake(store);
 }
 
-enum err scene_create(struct scheduler *scheduler, const char *id,
-    const char *name, const char *text, size_t length,
-    struct program *program, struct scene **out)
-{
-	struct scene *scene = calloc(1, sizeof *scene);
+/* ---- life ---- */
 
-	if (scene == NULL) {
-		scheduler_release(scheduler, program);
-		return ERR_MEMORY;
+static enum err open_backing(struct scene_store *store)
+{
+	const struct config *config = store->server->config;
+	const struct backing_options options = {
+		.history = config->history,
+		.changed = {scene_load_revision, scene_load_volume, store},
+		.guard = guard,
+		.lost = on_lost,
+	};
+
+	if (config->store[0] == '\0')
+		return backing_open_sqlite(config->data, &options,
+		    &store->backing);
+	store->is_shared = true;
+	return backing_open_redis(config->store, &options, &store->backing);
+}
+
+/* The first time. Where daemons share what is away, it is tried again. */
+static enum err load(struct scene_store *store)
+{
+	enum err err = scene_load_all(store);
+
+	if (err == ERR_OK) {
+		atomic_store(&store->is_loaded, true);
+	} else if (err == ERR_UNAVAILABLE && store->is_shared) {
+		log_write(LOG_WARNING, "scenes: %s is away; waiting for it",
+		    "the shared store");
+		atomic_store(&store->must_load, true);
+		err = ERR_OK;
 	}
-	atomic_init(&scene->refs, 1);
-	scene->scheduler = scheduler;
-	scene->program = program;
-	strncpy(scene->id, id, SCENE_ID_MAX);
-	scene->name = strdup(name);
-	scene->text = malloc(length + 1);
-	if (scene->name == NULL || scene->text == NULL) {
-		scene_free(scene);
-		return ERR_MEMORY;
-	}
-	memcpy(scene->text, text, length);
-	scene->length = length;
-	scene->bytes = sizeof *scene + length + tape_bytes(program->tape);
-	etag_of(text, length, scene->etag);
-	*out = scene;
-	return ERR_OK;
+	return err;
 }
 
-static struct scene *hold(struct scene *scene)
+static void init_locks(struct scene_store *store)
 {
-	atomic_fetch_add(&scene->refs, 1);
-	return scene;
+	pthread_condattr_t attr;
+
+	pthread_rwlock_init(&store->lock, NULL);
+	pthread_mutex_init(&store->turn, NULL);
+	pthread_mutex_init(&store->queue_lock, NULL);
+	pthread_condattr_init(&attr);
+	pthread_condattr_setclock(&attr, CLOCK_MONOTONIC);
+	pthread_cond_init(&store->queue_wake, &attr);
+	pthread_condattr_destroy(&attr);
 }
 
-void scene_release(struct scene *scene)
-{
-	if (atomic_fetch_sub(&scene->refs, 1) == 1)
-		scene_free(scene);
-}
-
-bool scene_id_is_valid(const char *id)
-{
-	static const char letters[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
-	    "abcdefghijklmnopqrstuvwxyz0123456789_.-";
-	size_t length = strlen(id);
-
-	return length >= 1 && length <= SCENE_ID_MAX &&
-	    strspn(id, letters) == length && strcmp(id, ".") != 0 &&
-	    strcmp(id, "..") != 0;
-}
-
-enum err scene_id_random(char out[static SCENE_ID_MAX + 1])
-{
-	static const char digits[] = "0123456789abcdefghijklmnopqrstuv";
-	uint8_t bytes[26]; /* 26 digits of 5 bits: 130 bits */
-
-	if (getrandom(bytes, sizeof bytes, 0) != sizeof bytes)
-		return ERR_IO;
-	for (size_t i = 0; i < sizeof bytes; i++)
-		out[i] = digits[bytes[i] & 31];
-	out[sizeof bytes] = '\0';
-	return ERR_OK;
-}
-
-/* ---- the store ---- */
-
-enum err scene_store_create(size_t max_scenes, size_t max_bytes,
-    struct scene_store **out)
+enum err scene_store_create(struct server *server, struct scene_store **out)
 {
 	struct scene_store *store = calloc(1, sizeof *store);
+	enum err err;
 
 	if (store == NULL)
 		return ERR_MEMORY;
-	store->most = max_scenes;
-	store->bytes_most = max_bytes;
-	pthread_rwlock_init(&store->lock, NULL);
+	store->server = server;
+	store->most = server->config->max_scenes;
+	store->bytes_most = server->config->scene_memory;
+	store->table.history = server->config->history > 0 ?
+	    server->config->history : 1;
+	init_locks(store);
+	err = open_backing(store);
+	if (err == ERR_BUSY)
+		err = ERR_CONFLICT; /* no queue is full */
+	if (err == ERR_OK)
+		err = load(store);
+	if (err == ERR_OK)
+		err = scene_writer_start(store);
+	if (err != ERR_OK) {
+		scene_store_free(store);
+		return err;
+	}
 	*out = store;
 	return ERR_OK;
+}
+
+void scene_store_stop(struct scene_store *store)
+{
+	scene_writer_stop(store);
+	pthread_mutex_lock(&store->turn);
+	store->is_ended = true;
+	pthread_mutex_unlock(&store->turn);
 }
 
 void scene_store_free(struct scene_store *store)
 {
 	if (store == NULL)
 		return;
-	for (size_t i = 0; i < store->count; i++)
-		scene_release(store->scenes[i]);
-	free(store->scenes);
+	if (store->backing != NULL)
+		store->backing->ops->free(store->backing);
+	scene_worker_free(store->worker);
+	scene_table_fini(&store->table);
 	pthread_rwlock_destroy(&store->lock);
+	pthread_mutex_destroy(&store->turn);
+	pthread_mutex_destroy(&store->queue_lock);
+	pthread_cond_destroy(&store->queue_wake);
 	free(store);
 }
 
-/* Where id is, or would be. */
-static size_t find(const struct scene_store *store, const char *id,
-    bool *there)
+/* ---- asking ---- */
+
+bool scene_store_is_ready(struct scene_store *store)
 {
-	size_t low = 0, high = store->count;
+	return atomic_load(&store->is_loaded);
+}
 
-	while (low < high) {
-		size_t middle = low + (high - low) / 2;
+bool scene_store_is_well(struct scene_store *store)
+{
+	return atomic_load(&store->is_loaded) &&
+	    !atomic_load(&store->must_load) &&
+	    store->backing->ops->is_well(store->backing);
+}
 
-		if (strcmp(store->scenes[middle]->id, id) < 0)
-			low = middle + 1;
-		else
-			high = middle;
-	}
-	*there = low < store->count &&
-	    strcmp(store->scenes[low]->id, id) == 0;
-	return low;
+bool scene_store_is_shared(const struct scene_store *store)
+{
+	return store->is_shared;
 }
 
 size_t scene_store_count(struct scene_store *store)
@@ -151,7 +151,19 @@ size_t scene_store_count(struct scene_store *store)
 	size_t count;
 
 	pthread_rwlock_rdlock(&store->lock);
-	count = store->count;
+	count = store->table.count;
+	pthread_rwlock_unlock(&store->lock);
+	return count;
+}
+
+size_t scene_store_count_of(struct scene_store *store, const char *owner)
+{
+	size_t count = 0;
+
+	pthread_rwlock_rdlock(&store->lock);
+	for (size_t i = 0; i < store->table.count; i++)
+		count += strcmp(store->table.slots[i]->scene->owner, owner) ==
+		    0;
 	pthread_rwlock_unlock(&store->lock);
 	return count;
 }
@@ -161,122 +173,32 @@ size_t scene_store_bytes(struct scene_store *store)
 	size_t bytes;
 
 	pthread_rwlock_rdlock(&store->lock);
-	bytes = store->bytes;
+	bytes = store->table.bytes;
 	pthread_rwlock_unlock(&store->lock);
 	return bytes;
 }
 
-struct scene *scene_store_get(struct scene_store *store, const char *id)
+struct scene *scene_store_find(struct scene_store *store, const char *id)
 {
 	struct scene *scene = NULL;
-	bool there;
-	size_t at;
+	const struct scene_slot *slot;
 
 	pthread_rwlock_rdlock(&store->lock);
-	at = find(store, id, &there);
-	if (there)
-		scene = hold(store->scenes[at]);
+	slot = scene_table_find(&store->table, id);
+	if (slot != NULL)
+		scene = scene_hold(slot->scene);
 	pthread_rwlock_unlock(&store->lock);
 	return scene;
 }
 
-static bool fulfilled(const struct precondition *precondition,
-    const char *etag)
+struct scene *scene_store_get(struct scene_store *store, const char *id)
 {
-	return precondition_match(precondition, etag) &&
-	    precondition_none_match(precondition, etag);
-}
+	struct scene *scene = scene_store_find(store, id);
 
-/* Whether scene fits in, old (NULL: none) gone. Locked. */
-static bool fits(const struct scene_store *store, const struct scene *scene,
-    const struct scene *old)
-{
-	size_t others = store->bytes - (old != NULL ? old->bytes : 0);
-
-	return scene->bytes <= store->bytes_most &&
-	    others <= store->bytes_most - scene->bytes;
-}
-
-/* Puts one more scene in at index at. Locked. */
-static enum err insert(struct scene_store *store, size_t at,
-    struct scene *scene)
-{
-	if (store->count >= store->most)
-		return ERR_LIMIT;
-	if (store->count == store->size) {
-		size_t size = store->size > 0 ? 2 * store->size : 16;
-		struct scene **scenes = realloc(store->scenes,
-		    size * sizeof *scenes);
-
-		if (scenes == NULL)
-			return ERR_MEMORY;
-		store->scenes = scenes;
-		store->size = size;
-	}
-	memmove(store->scenes + at + 1, store->scenes + at,
-	    (store->count - at) * sizeof *store->scenes);
-	store->scenes[at] = scene;
-	store->count++;
-	return ERR_OK;
-}
-
-enum err scene_store_put(struct scene_store *store, struct scene *scene,
-    const struct precondition *precondition, bool *replaced)
-{
-	struct scene *old = NULL;
-	enum err err = ERR_OK;
-	bool there;
-	size_t at;
-
-	pthread_rwlock_wrlock(&store->lock);
-	at = find(store, scene->id, &there);
-	if (!fulfilled(precondition, there ? store->scenes[at]->etag : NULL)) {
-		err = ERR_CONFLICT;
-	} else if (!fits(store, scene, there ? store->scenes[at] : NULL)) {
-		err = ERR_LIMIT;
-	} else if (there) {
-		old = store->scenes[at];
-		store->bytes -= old->bytes;
-		store->scenes[at] = scene;
-	} else {
-		err = insert(store, at, scene);
-	}
-	if (err == ERR_OK) {
-		store->bytes += scene->bytes;
-		hold(scene);
-	}
-	pthread_rwlock_unlock(&store->lock);
-	if (old != NULL)
-		scene_release(old);
-	if (err == ERR_OK)
-		*replaced = there;
-	return err;
-}
-
-enum err scene_store_delete(struct scene_store *store, const char *id,
-    const struct precondition *precondition)
-{
-	struct scene *old = NULL;
-	enum err err = ERR_OK;
-	bool there;
-	size_t at;
-
-	pthread_rwlock_wrlock(&store->lock);
-	at = find(store, id, &there);
-	if (!there) {
-		err = ERR_NOT_FOUND;
-	} else if (!fulfilled(precondition, store->scenes[at]->etag)) {
-		err = ERR_CONFLICT;
-	} else {
-		old = store->scenes[at];
-		store->bytes -= old->bytes;
-		memmove(store->scenes + at, store->scenes + at + 1,
-		    (--store->count - at) * sizeof *store->scenes);
-	}
-	pthread_rwlock_unlock(&store->lock);
-	if (old != NULL)
-		scene_release(old);
-	return err;
+	if (scene == NULL || scene->program != NULL)
+		return scene;
+	scene_release(scene);
+	return NULL;
 }
 
 size_t scene_store_list(struct scene_store *store, const char *after,
@@ -286,11 +208,11 @@ size_t scene_store_list(struct scene_store *store, const char *after,
 	bool there;
 
 	pthread_rwlock_rdlock(&store->lock);
-	at = find(store, after, &there);
+	at = scene_table_place(&store->table, after, &there);
 	at += there ? 1 : 0;
-	while (count < limit && at < store->count)
-		list[count++] = hold(store->scenes[at++]);
-	*more = at < store->count;
+	while (count < limit && at < store->table.count)
+		list[count++] = scene_hold(store->table.slots[at++]->scene);
+	*more = at < store->table.count;
 	pthread_rwlock_unlock(&store->lock);
 	return count;
 }

@@ -7,12 +7,10 @@
 #include "server/scheduler_internal.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
 
 #include "server/clock.h"
-#include "server/log.h"
 #include "server/program.h"
 
 /* Points and answers of all jobs in hand: more is refused as a full queue,
@@ -58,68 +56,44 @@ static void bury_dead(struct scheduler *s)
 	}
 }
 
-static void break_down(struct scheduler *s, enum err err, const char *what,
-    const char *message)
+/* Whether the built-in tables are there; or that they never will be, which is
+ * the end, but not of a daemon that has been ready. */
+static bool has_builtin(struct scheduler *s)
 {
-	s->broken = err;
-	snprintf(s->why, sizeof s->why, "%s: %s%s%s", what, err_message(err),
-	    message[0] != '\0' ? ": " : "", message);
-	log_write(LOG_ERROR, "%s: %s%s%s", what, err_message(err),
-	    message[0] != '\0' ? ": " : "", message);
-}
+	bool ready = s->was_ready;
+	enum err err = ready ? ERR_OK :
+	    tables_check_builtin(s->options.tables, &ready);
 
-static void open_device(struct scheduler *s)
-{
-	struct device_failure failure = {0};
-	double begin = clock_seconds();
-	const struct device_info *info;
-	enum err err = device_open(&s->options.device, &s->device, &failure);
-
-	if (err != ERR_OK) {
-		break_down(s, err, "device", failure.message);
-		if (failure.build_log != NULL)
-			log_text(LOG_ERROR, failure.build_log);
-		device_failure_fini(&failure);
-		s->options.failed(s->options.ctx);
-		return;
-	}
-	info = device_get_info(s->device);
-	log_write(LOG_INFO, "device %s: width %d, tables as %s, ready in "
-	    "%.0f ms", info->name, info->width,
-	    info->tables_are_images ? "images" : "buffers",
-	    1e3 * (clock_seconds() - begin));
-	pthread_mutex_lock(&s->lock);
-	s->stats.device = *info;
-	pthread_mutex_unlock(&s->lock);
-	scheduler_tables_publish(s);
-}
-
-/* Publishes readiness once, or that there never will be any. */
-static void check_ready(struct scheduler *s)
-{
-	bool ready = false;
-	enum err err;
-
-	if (s->stats.ready || s->broken != ERR_OK)
-		return;
-	err = tables_check_builtin(s->options.tables, &ready);
 	if (err != ERR_OK && !atomic_load(&s->cancel)) {
-		break_down(s, err, "built-in operator tables",
+		scheduler_device_break(s, err, "built-in operator tables",
 		    err == ERR_MEMORY ? "" : device_message(s->device));
 		s->options.failed(s->options.ctx);
 	}
-	if (err != ERR_OK || !ready)
+	return err == ERR_OK && ready;
+}
+
+/* Publishes readiness; tells of it once. */
+static void check_ready(struct scheduler *s)
+{
+	bool is_first = !s->was_ready;
+
+	if (s->stats.ready || s->broken != ERR_OK || s->device == NULL ||
+	    !has_builtin(s))
 		return;
+	s->was_ready = true;
 	pthread_mutex_lock(&s->lock);
 	s->stats.ready = true;
 	pthread_mutex_unlock(&s->lock);
-	s->options.ready(s->options.ctx);
+	if (is_first)
+		s->options.ready(s->options.ctx);
 }
 
 /* When to look at waiting jobs though nothing has happened. */
 static struct timespec next_look(const struct scheduler *s)
 {
-	double seconds = fmin(SWEEP_MOST, s->deadline - clock_seconds());
+	double now = clock_seconds();
+	double seconds = fmin(SWEEP_MOST, fmin(s->deadline,
+	    scheduler_device_next_look(s)) - now);
 	struct timespec until;
 
 	clock_gettime(CLOCK_MONOTONIC, &until);
@@ -130,13 +104,14 @@ static struct timespec next_look(const struct scheduler *s)
 	return until;
 }
 
-/* Waits for a signal of s->wake; not for ever while jobs wait. False if none
- * came in time. Locked. */
+/* Waits for a signal of s->wake; not for ever while jobs wait, or the device is
+ * away. False if none came in time. Locked. */
 static bool await_wake(struct scheduler *s)
 {
 	struct timespec until;
 
-	if (s->waiting.first == NULL)
+	if (s->waiting.first == NULL &&
+	    isinf(scheduler_device_next_look(s)))
 		return pthread_cond_wait(&s->wake, &s->lock) == 0;
 	until = next_look(s);
 	return pthread_cond_timedwait(&s->wake, &s->lock, &until) == 0;
@@ -169,7 +144,8 @@ static void work(struct scheduler *s)
 		bury_dead(s);
 		scheduler_queue_sweep(s, false);
 		scheduler_tables_reserve(s);
-		busy = scheduler_tables_load_next(s);
+		busy = scheduler_device_reopen(s);
+		busy = scheduler_tables_load_next(s) || busy;
 		check_ready(s);
 		busy = scheduler_run_next(s) || busy;
 	} while (busy);
@@ -180,7 +156,7 @@ static void *device_main(void *arg)
 	struct scheduler *s = arg;
 	unsigned long event = 0;
 
-	open_device(s);
+	scheduler_device_open(s);
 	do
 		work(s);
 	while (await_event(s, &event));
@@ -376,6 +352,7 @@ void scheduler_get_stats(struct scheduler *s, struct scheduler_stats *out)
 {
 	pthread_mutex_lock(&s->lock);
 	*out = s->stats;
+	out->ready = out->ready && !scheduler_device_hangs(s);
 	out->held_bytes = s->bytes[false] + s->bytes[true];
 	pthread_mutex_unlock(&s->lock);
 }

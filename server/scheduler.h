@@ -24,6 +24,10 @@
  * whose are, go ahead; the one that was served longest ago has its tables
  * loaded before all others'. Where its operators allow drafts, it waits for
  * those only; the tables of its first piece serve all of it.
+ *
+ * A device that is lost is opened anew, for ever, and what was loaded loaded
+ * again; jobs that it was busy with fail with ERR_DEVICE, others wait for it,
+ * for 30 s, after which all fail so until it is back.
  */
 #ifndef SERVER_SCHEDULER_H
 #define SERVER_SCHEDULER_H
@@ -92,6 +96,8 @@ struct job {
 	float *rows;             /* malloc'd, the submitter's; or NULL */
 	double seconds;          /* on the device; of a launch shared with
 	                          * others, its share by points */
+	struct device_times times; /* what they went to, and loading its tape */
+	double begun;            /* clock_seconds; 0: it never has */
 	/* the scheduler's own */
 	struct job *next;        /* submitted after it */
 	struct scheduler *scheduler;
@@ -113,11 +119,15 @@ struct scheduler_options {
 	size_t queue;             /* jobs waiting at most, or begun but one */
 	void (*ready)(void *ctx); /* device and built-in tables are there */
 	void (*failed)(void *ctx); /* there is no device: the log says why */
+	/* A lost device has been opened anew, device thread; or NULL. */
+	void (*rebuilt)(void *ctx);
 	void *ctx;
+	double patience; /* seconds that jobs wait for a lost device; 0: 30 */
+	double hang;     /* after so many a launch hangs; 0: 60 */
 };
 
 struct scheduler_stats {
-	bool ready;
+	bool ready;              /* and neither lost nor hanging */
 	size_t waiting;          /* jobs not begun */
 	size_t running;          /* jobs begun: between their pieces, too */
 	size_t stalled;          /* those of them whose clients have no room */
@@ -126,11 +136,15 @@ struct scheduler_stats {
 	unsigned long completed; /* jobs done, failed ones too */
 	unsigned long points;    /* evaluated */
 	unsigned long launches;  /* of one piece, or of several jobs */
+	unsigned long launched;  /* jobs in them, all told */
 	unsigned long batched;   /* jobs that shared theirs with others */
 	unsigned long expired;   /* jobs past their deadline */
 	unsigned long abandoned; /* jobs whose clients had gone */
+	unsigned long rebuilds;  /* of a device that was lost */
 	double seconds[JOB_PRIORITY_COUNT]; /* of the device's time */
 	size_t table_bytes, table_bytes_most;
+	double busy_since;       /* clock_seconds when the device last began
+	                          * something, which goes on; 0: it is idle */
 	struct device_info device; /* zeroed until open */
 };
 
@@ -176,5 +190,9 @@ void scheduler_stop(struct scheduler *s);
 void scheduler_free(struct scheduler *s);
 
 void scheduler_get_stats(struct scheduler *s, struct scheduler_stats *out);
+
+/* False while a launch hangs, which is logged once: nothing can end it but the
+ * process's end. To be called every few seconds. */
+bool scheduler_watch(struct scheduler *s);
 
 #endif

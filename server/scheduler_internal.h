@@ -2,7 +2,8 @@
  * What the scheduler's files share. Functions are the device thread's unless
  * they say otherwise.
  *
- * scheduler.c: threads, submitting, starting and stopping. scheduler_queue.c:
+ * scheduler.c: threads, submitting, starting and stopping. scheduler_device.c:
+ * the device, when it is lost and when it is back. scheduler_queue.c:
  * the jobs that wait, and how they leave. scheduler_run.c: whose turn it is,
  * and launches. scheduler_tables.c: what is resident on the device.
  */
@@ -39,13 +40,21 @@ struct scheduler {
 	bool stopping;
 	bool stopped;         /* the device is closed */
 	struct scheduler_stats stats;
+	bool hang_logged;
 	atomic_bool cancel;
 	/* device thread only: */
 	struct device *device;
 	enum err broken;      /* why there is no device */
-	char why[256];        /* the same, for people */
+	char why[640];        /* the same, or why it is away, for people */
 	unsigned long changes; /* counts what may have made tables ready, or
 	                        * jobs choose others; from 1 */
+	bool was_ready;
+	/* scheduler_device.c */
+	double lost_at;           /* clock_seconds */
+	double reopen_at;         /* when to try */
+	double pause;             /* before the attempt after that; 0: none */
+	double loss_pause;        /* the same, after the next loss */
+	int shortages;            /* failures in a row for want of memory */
 	/* scheduler_queue.c */
 	struct job_list waiting;  /* all, by age */
 	size_t waiting_count;
@@ -70,6 +79,36 @@ struct scheduler {
 	double tenure;            /* until when the head stays; 0: until it
 	                           * has run */
 };
+
+/* ---- scheduler_device.c ---- */
+
+/* Opens the device for the first time; or tells of failure. */
+void scheduler_device_open(struct scheduler *s);
+
+/* There is no use in going on. */
+void scheduler_device_break(struct scheduler *s, enum err err,
+    const char *what, const char *message);
+
+/* What has come of something that the device was asked for, when all that it
+ * concerns has its result: closes a device that is lost. */
+void scheduler_device_check(struct scheduler *s, enum err err);
+
+/* Tries to open a lost device, if it is time to. Whether it is back. */
+bool scheduler_device_reopen(struct scheduler *s);
+
+/* Whether it has been away for longer than jobs wait. */
+bool scheduler_device_is_given_up(const struct scheduler *s);
+
+/* When to look after the device, or infinite. */
+double scheduler_device_next_look(const struct scheduler *s);
+
+/* The device is about to do something that is to end within the time of a
+ * piece; it has ended. */
+void scheduler_device_begin(struct scheduler *s);
+void scheduler_device_end(struct scheduler *s);
+
+/* Whether that takes too long. Any thread; locked. */
+bool scheduler_device_hangs(const struct scheduler *s);
 
 /* ---- scheduler_queue.c ---- */
 
@@ -127,6 +166,9 @@ enum err scheduler_queue_check(const struct job *job);
  * do. */
 bool scheduler_run_next(struct scheduler *s);
 
+/* Completes the jobs that can do nothing but fail. */
+void scheduler_run_fail_waiting(struct scheduler *s);
+
 /* ---- scheduler_tables.c ---- */
 
 /* Has job's program on the device, with the tables it has chosen. */
@@ -135,6 +177,10 @@ enum err scheduler_tables_load(struct scheduler *s, const struct job *job);
 /* Drops what is loaded of p. */
 void scheduler_tables_unload(struct scheduler *s, struct program *p);
 void scheduler_tables_unload_all(struct scheduler *s);
+
+/* Drops what is loaded of all others; false if there is nothing. */
+bool scheduler_tables_unload_others(struct scheduler *s,
+    const struct program *p);
 
 /* Makes room for job's choice of tables; frees it. Any thread. ERR_MEMORY. */
 enum err scheduler_tables_init_choice(struct job *job);

@@ -197,6 +197,8 @@ static bool go_on(void *ctx)
 	struct job *job = ctx;
 	struct scheduler *s = job->scheduler;
 
+	/* It has not hung yet. */
+	scheduler_device_begin(s);
 	scheduler_queue_gather(s);
 	scheduler_queue_sweep(s, false);
 	return !atomic_load(&s->cancel) && job->wanted(job->ctx);
@@ -212,6 +214,7 @@ static void note_launch(struct scheduler *s, struct job *const *jobs,
 	account(s, priority, seconds);
 	pthread_mutex_lock(&s->lock);
 	s->stats.launches++;
+	s->stats.launched += count;
 	s->stats.batched += count > 1 ? count : 0;
 	s->stats.points += points;
 	s->stats.seconds[priority] += seconds;
@@ -263,28 +266,77 @@ static void deliver(struct job *job, float *rows, size_t count, enum err err)
 		free(rows);
 }
 
+/* What a launch took: loading its program, and its parts' evaluation. */
+struct launch {
+	double begun, loaded, seconds; /* clock_seconds; its evaluation's */
+	size_t points;
+};
+
+/* Adds to job what its share of a launch that succeeded went to. */
+static void add_times(const struct scheduler *s, struct job *job,
+    const struct launch *l, double share)
+{
+	const struct device_times *times = device_get_times(s->device);
+
+	if (job->begun == 0.0)
+		job->begun = l->begun;
+	job->times.upload += share * (times->upload + l->loaded - l->begun);
+	job->times.kernel += share * times->kernel;
+	job->times.download += share * times->download;
+}
+
+/* Of a job whose program is loaded; once more where others' copies took the
+ * device's memory. */
+static enum err evaluate(struct scheduler *s, struct job *job, size_t count,
+    float *rows)
+{
+	enum err err;
+
+	do
+		err = device_evaluate(s->device, job->program->loaded,
+		    job->points + 3 * job->finished, count, job->outputs, rows,
+		    go_on, job);
+	while (err == ERR_DEVICE_MEMORY &&
+	    scheduler_tables_unload_others(s, job->program));
+	return err;
+}
+
+/* The same of the first n of s->parts. */
+static enum err evaluate_parts(struct scheduler *s, struct program *program,
+    size_t n, unsigned outputs)
+{
+	enum err err;
+
+	do
+		err = device_evaluate_parts(s->device, program->loaded,
+		    s->parts, n, outputs);
+	while (err == ERR_DEVICE_MEMORY &&
+	    scheduler_tables_unload_others(s, program));
+	return err;
+}
+
 /* Of a job that has been taken. */
 static enum err run_piece(struct scheduler *s, struct job *job, size_t count)
 {
+	struct launch l = {.begun = clock_seconds(), .points = count};
 	enum err err = scheduler_tables_load(s, job);
 	float *rows = NULL;
-	double begin, seconds;
 
 	if (err == ERR_OK) {
 		rows = piece_rows(job, count);
 		err = rows == NULL ? ERR_MEMORY : ERR_OK;
 	}
-	begin = clock_seconds();
+	l.loaded = clock_seconds();
 	if (err == ERR_OK)
-		err = device_evaluate(s->device, job->program->loaded,
-		    job->points + 3 * job->finished, count, job->outputs, rows,
-		    go_on, job);
-	seconds = clock_seconds() - begin;
-	job->seconds += seconds;
+		err = evaluate(s, job, count, rows);
+	l.seconds = clock_seconds() - l.loaded;
+	job->seconds += l.seconds;
 	explain_device(s, job, err);
 	log_failure(s, err);
-	if (err == ERR_OK)
-		note_launch(s, &job, 1, count, seconds);
+	if (err == ERR_OK) {
+		note_launch(s, &job, 1, count, l.seconds);
+		add_times(s, job, &l, 1.0);
+	}
 	if (job->piece != NULL)
 		deliver(job, rows, count, err);
 	return err;
@@ -300,13 +352,16 @@ static void serve_alone(struct scheduler *s, struct job *job)
 	scheduler_queue_rotate(s, job->program);
 	if (job->finished == 0)
 		scheduler_tables_settle(job);
+	scheduler_device_begin(s);
 	err = run_piece(s, job, count);
+	scheduler_device_end(s);
 	if (err == ERR_OK)
 		job->finished += count;
 	if (err != ERR_OK || job->finished == job->count)
 		scheduler_queue_end(s, job, err);
 	else
 		scheduler_queue_add(s, job);
+	scheduler_device_check(s, err);
 }
 
 /* Whether job can go with first, which has been found able to go. */
@@ -370,17 +425,20 @@ static size_t make_parts(struct scheduler *s, size_t count)
 	return n;
 }
 
-/* The batch has been launched, for seconds, with the result err. */
-static void share_out(struct scheduler *s, size_t count, size_t points,
-    double seconds, enum err err)
+/* The batch has been launched, with the result err. */
+static void share_out(struct scheduler *s, size_t count,
+    const struct launch *l, enum err err)
 {
 	for (size_t i = 0; i < count; i++) {
 		struct job *job = s->batch[i];
+		double share = (double)job->count / (double)l->points;
 
 		if (job->result != ERR_OK)
 			continue;
 		job->result = err;
-		job->seconds = seconds * (double)job->count / (double)points;
+		job->seconds = l->seconds * share;
+		if (err == ERR_OK)
+			add_times(s, job, l, share);
 		explain_device(s, job, err);
 		if (job->piece == NULL)
 			continue;
@@ -393,52 +451,76 @@ static void share_out(struct scheduler *s, size_t count, size_t points,
 static void serve_together(struct scheduler *s, size_t count)
 {
 	struct job *first = s->batch[0];
-	double begin, seconds;
-	size_t points = 0, n;
+	struct launch l = {.begun = clock_seconds()};
+	size_t n;
 	enum err err;
 
 	scheduler_queue_take(s, s->batch, count);
 	scheduler_queue_rotate(s, first->program);
 	for (size_t i = 0; i < count; i++)
 		scheduler_tables_settle(s->batch[i]);
+	scheduler_device_begin(s);
 	err = scheduler_tables_load(s, first);
 	n = make_parts(s, count);
 	for (size_t i = 0; i < n; i++)
-		points += s->parts[i].count;
-	begin = clock_seconds();
+		l.points += s->parts[i].count;
+	l.loaded = clock_seconds();
 	if (err == ERR_OK && n > 0)
-		err = device_evaluate_parts(s->device, first->program->loaded,
-		    s->parts, n, first->outputs);
-	seconds = clock_seconds() - begin;
+		err = evaluate_parts(s, first->program, n, first->outputs);
+	l.seconds = clock_seconds() - l.loaded;
+	scheduler_device_end(s);
 	log_failure(s, err);
 	if (err == ERR_OK && n > 0)
-		note_launch(s, s->batch, n, points, seconds);
-	share_out(s, count, points, seconds, err);
+		note_launch(s, s->batch, n, l.points, l.seconds);
+	share_out(s, count, &l, err);
 	scheduler_queue_finish(s, s->batch, count);
+	scheduler_device_check(s, err);
 }
 
 /* Says in job what err alone does not, where no job can be run. */
 static void explain(const struct scheduler *s, struct job *job)
 {
-	if (s->broken != ERR_OK)
-		snprintf(job->message, sizeof job->message, "%s", s->why);
+	if (s->broken != ERR_OK || s->device == NULL)
+		snprintf(job->message, sizeof job->message, "%.*s",
+		    (int)sizeof job->message - 1, s->why);
 	else if (job->is_too_large)
 		snprintf(job->message, sizeof job->message, "its operator "
 		    "tables together are larger than --table-memory");
 }
 
+void scheduler_run_fail_waiting(struct scheduler *s)
+{
+	struct job *next;
+
+	for (struct job *job = s->waiting.first; job != NULL; job = next) {
+		bool ready;
+		enum err err = scheduler_tables_check(s, job, &ready);
+
+		next = job->links[JOB_BY_AGE].next;
+		if (err != ERR_OK)
+			scheduler_queue_end(s, job, err);
+	}
+}
+
+/* A job to be run, or, with *err, to be completed; or NULL. */
+static struct job *choose(struct scheduler *s, enum err *err)
+{
+	*err = ERR_OK;
+	if (s->broken != ERR_OK || scheduler_device_is_given_up(s))
+		*err = ERR_DEVICE;
+	else if (atomic_load(&s->cancel))
+		*err = ERR_CANCELLED;
+	if (*err != ERR_OK)
+		return s->waiting.first;
+	return s->device != NULL ? next_job(s, err) : NULL;
+}
+
 bool scheduler_run_next(struct scheduler *s)
 {
-	enum err err = ERR_OK;
-	struct job *job;
+	enum err err;
+	struct job *job = choose(s, &err);
 	size_t count;
 
-	if (s->broken != ERR_OK || atomic_load(&s->cancel)) {
-		err = s->broken != ERR_OK ? ERR_DEVICE : ERR_CANCELLED;
-		job = s->waiting.first;
-	} else {
-		job = next_job(s, &err);
-	}
 	if (job == NULL)
 		return false;
 	if (err != ERR_OK) {

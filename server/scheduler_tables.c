@@ -157,6 +157,22 @@ void scheduler_tables_unload_all(struct scheduler *s)
 		scheduler_tables_unload(s, s->oldest);
 }
 
+bool scheduler_tables_unload_others(struct scheduler *s,
+    const struct program *p)
+{
+	struct program *newer;
+	bool any = false;
+
+	for (struct program *other = s->oldest; other != NULL; other = newer) {
+		newer = other->newer;
+		if (other == p)
+			continue;
+		scheduler_tables_unload(s, other);
+		any = true;
+	}
+	return any;
+}
+
 /* ---- what jobs have chosen ---- */
 
 /* Without drafts there is nothing to choose: the program's own entries are. */
@@ -295,9 +311,13 @@ static bool may_fit(struct scheduler *s, const struct table *table,
 
 void scheduler_tables_publish(struct scheduler *s)
 {
+	size_t most = 0, bytes = s->device == NULL ? 0 :
+	    device_table_bytes(s->device, &most);
+
 	pthread_mutex_lock(&s->lock);
-	s->stats.table_bytes = device_table_bytes(s->device,
-	    &s->stats.table_bytes_most);
+	s->stats.table_bytes = bytes;
+	if (s->device != NULL)
+		s->stats.table_bytes_most = most;
 	pthread_mutex_unlock(&s->lock);
 }
 
@@ -317,10 +337,12 @@ bool scheduler_tables_load_next(struct scheduler *s)
 	if (entry == NULL)
 		return false;
 	s->changes++;
+	scheduler_device_begin(s);
 	do
 		err = device_load_table(s->device, table, &slot);
 	while (err == ERR_DEVICE_MEMORY && may_fit(s, table, claim) &&
 	    evict(s, claim));
+	scheduler_device_end(s);
 	if (err == ERR_DEVICE_MEMORY && claim != TABLE_BUILTIN) {
 		tables_put_back(s->options.tables, entry, claim);
 		if (claim == TABLE_RESERVED)
@@ -333,5 +355,8 @@ bool scheduler_tables_load_next(struct scheduler *s)
 		fail_table(s, entry, err);
 	thin_drafts(s);
 	scheduler_tables_publish(s);
+	/* At the start it is rather the device's fault than its end. */
+	if (s->was_ready)
+		scheduler_device_check(s, err);
 	return true;
 }

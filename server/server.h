@@ -6,17 +6,25 @@
 
 #include <stdatomic.h>
 
+struct access;
 struct config;
+struct events;
 struct http;
+struct metrics;
 struct orders;
 struct scene_store;
 struct scheduler;
 struct tables;
 struct tasks;
+struct tls;
 struct volume_store;
 
 struct server {
 	const struct config *config;
+	struct metrics *metrics;
+	struct access *access;
+	struct tls *tls;      /* NULL: plain HTTP */
+	struct events *events;
 	struct tables *tables;
 	struct orders *orders;
 	struct scheduler *scheduler;

@@ -937,6 +937,23 @@ void tables_choose(struct tables *t, struct table_choice *c)
 	c->at = 0;
 }
 
+size_t tables_nodes_unbuilt(struct tables *t,
+    struct table_entry *const *entries, size_t count)
+{
+	size_t nodes = 0;
+
+	pthread_mutex_lock(&t->lock);
+	for (size_t i = 0; i < count; i++) {
+		const size_t n = (size_t)entries[i]->key.resolution;
+
+		if (entries[i]->state == TABLE_ABSENT ||
+		    entries[i]->state == TABLE_FAILED)
+			nodes += n * n * n;
+	}
+	pthread_mutex_unlock(&t->lock);
+	return nodes;
+}
+
 /* Chooses anew of pair i, whose full table has come or been displaced: an
  * older wish stays as old as it is. Locked. */
 static void choose_again(struct tables *t, struct table_choice *c, size_t i)
@@ -1171,6 +1188,31 @@ bool tables_evict_draft(struct tables *t, const struct table_entry **out,
 	    give_up(t, spare, out, slot);
 	pthread_mutex_unlock(&t->lock);
 	return found;
+}
+
+void tables_lose(struct tables *t)
+{
+	unsigned long first;
+
+	pthread_mutex_lock(&t->lock);
+	first = t->turn + 1;
+	for (int i = 0; i < BUILTIN_COUNT; i++) {
+		struct table_entry *entry = t->builtin[i];
+
+		/* What was never there is built in any case. */
+		if (entry->was_resident && entry->state == TABLE_RESIDENT)
+			add_wish(t, entry);
+	}
+	for (int small = 0; small < 2; small++) {
+		const struct list *list = &t->lists[TABLE_RESIDENT][small];
+		const struct table_entry *out;
+		int slot;
+
+		while (give_up(t, list->first, &out, &slot))
+			;
+	}
+	limit_wishes(t, first);
+	pthread_mutex_unlock(&t->lock);
 }
 
 /* ---- for people ---- */

@@ -136,6 +136,11 @@ void tables_choose(struct tables *t, struct table_choice *choice);
 void tables_unask(struct tables *t, struct table_entry *const *entries,
     size_t count);
 
+/* Nodes of those of entries that nobody has asked for yet, and are not there:
+ * what asking for them would have built. */
+size_t tables_nodes_unbuilt(struct tables *t,
+    struct table_entry *const *entries, size_t count);
+
 /*
  * Whether what is chosen is all resident, in *ready. An entry that failed gives
  * its error. Where a full table has come or been displaced it is chosen anew,
@@ -202,6 +207,13 @@ size_t tables_evictable(struct tables *t, enum table_claim claim);
  * many. */
 bool tables_evict_draft(struct tables *t, const struct table_entry **out,
     int *slot);
+
+/*
+ * Device thread: the device is gone, and with it all resident tables. Those
+ * that are asked or wished for are built again, and the built-in ones are
+ * wished for.
+ */
+void tables_lose(struct tables *t);
 
 /* Every table known, by number, malloc'd. ERR_MEMORY. */
 enum err tables_report(struct tables *t, struct table_report **out,

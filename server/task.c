@@ -7,9 +7,11 @@
 #include <string.h>
 
 #include "proto/number.h"
+#include "server/access.h"
 #include "server/clock.h"
 #include "server/evaluation.h"
 #include "server/exchange.h"
+#include "server/metrics.h"
 #include "server/program.h"
 #include "server/scene_store.h"
 #include "server/server.h"
@@ -26,6 +28,7 @@ static void let_go(struct task *task)
 	if (task->is_queued)
 		task_holds(task, 0);
 	scene_release(task->scene);
+	access_let_go(task->payer);
 	pthread_mutex_destroy(&task->lock);
 	free(task);
 }
@@ -119,6 +122,17 @@ static void add_timing(struct exchange *x, const struct task *task)
 	exchange_add_header(x, "Server-Timing", text);
 }
 
+/* What the work has taken, of a task that has asked the device. */
+static void observe(const struct exchange *x, const struct task *task)
+{
+	struct metrics *m = x->server->metrics;
+
+	metrics_observe(m, x, METRICS_QUEUE, wait_seconds(task) +
+	    task->queue_seconds);
+	if (task->device_seconds > 0.0)
+		metrics_observe_device(m, x, &task->times);
+}
+
 static void answer(struct exchange *x)
 {
 	struct task *task = x->state;
@@ -126,6 +140,7 @@ static void answer(struct exchange *x)
 	if (task->result != ERR_OK) {
 		reply_failure(x, task);
 	} else {
+		observe(x, task);
 		task->kind->answer(x, task->ctx);
 		add_timing(x, task);
 		if (task->is_draft)
@@ -219,6 +234,7 @@ static struct task *create(struct exchange *x, struct scene *scene,
 	task->kind = kind;
 	task->ctx = ctx;
 	task->scene = scene;
+	task->payer = access_keep(x);
 	task->begun = x->begun;
 	task->x = x;
 	strcpy(task->stage, "waiting");
@@ -261,7 +277,9 @@ void task_begin(struct exchange *x, struct scene *scene,
 	x->state = task;
 	x->state_free = leave;
 	x->resumed = answer;
-	if (!read_query(x, task))
+	/* What it will evaluate is counted as it does: nothing is known yet. */
+	if (!read_query(x, task) ||
+	    !access_take_points(x, scene->program, 0))
 		return;
 	exchange_release_body(x);
 	err = submit(task);

@@ -19,6 +19,7 @@
 
 #include "core/sampler.h"
 #include "proto/fault.h"
+#include "kernels/device.h"
 #include "server/etag.h"
 #include "server/task.h"
 
@@ -32,6 +33,7 @@ struct task {
 	const struct task_kind *kind;
 	void *ctx;
 	struct scene *scene;     /* a reference */
+	const struct token *payer; /* whose the points are, or NULL; held */
 	char token[TASK_TOKEN_MAX + 1]; /* "": none */
 	double begun;            /* when the request's head came */
 	double deadline;         /* clock_seconds; 0: none */
@@ -43,6 +45,8 @@ struct task {
 	char message[256];       /* of a device's failure, or "" */
 
 	double device_seconds;
+	struct device_times times; /* what they went to */
+	double queue_seconds;    /* of its evaluations, before the device */
 	bool is_draft;           /* some values are of drafts of tables */
 	double from, to;         /* what the sampler is told is this part */
 	double asked;            /* when its client was last looked for */

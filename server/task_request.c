@@ -6,27 +6,15 @@
 #include "proto/answer.h"
 #include "proto/geometry_request.h"
 #include "server/exchange.h"
+#include "server/scene_refresh.h"
 #include "server/scene_reply.h"
-#include "server/scene_store.h"
-#include "server/server.h"
 
 struct scene *task_request_scene(struct exchange *x)
 {
 	struct precondition precondition;
-	struct scene *scene;
 
-	if (!scene_reply_preconditions(x, &precondition))
-		return NULL;
-	scene = scene_store_get(x->server->scenes, x->id);
-	if (scene == NULL) {
-		scene_reply_absent(x);
-		return NULL;
-	}
-	if (precondition_match(&precondition, scene->etag))
-		return scene;
-	scene_reply_changed(x);
-	scene_release(scene);
-	return NULL;
+	return scene_reply_preconditions(x, &precondition) ?
+	    scene_refresh_get(x, &precondition) : NULL;
 }
 
 bool task_request_accept(struct exchange *x, unsigned mask,

@@ -15,7 +15,8 @@ struct geometry_terms;
 struct scene;
 
 /* The scene that x names, of the revision that its preconditions ask for, for
- * scene_release; or NULL: 400, 404, 412. */
+ * scene_release; or NULL: 400, 404, 412, or the handler is called again: see
+ * scene_refresh_get. */
 struct scene *task_request_scene(struct exchange *x);
 
 /* The best for x's Accept of the types in mask, first if nothing is preferred,

@@ -6,6 +6,7 @@
 #include <time.h>
 
 #include "core/output.h"
+#include "server/access.h"
 #include "server/clock.h"
 #include "server/program.h"
 #include "server/scene_store.h"
@@ -26,6 +27,7 @@
 struct errand {
 	struct job job;
 	struct task *task;
+	double submitted;     /* clock_seconds */
 	pthread_mutex_t lock; /* guards: */
 	pthread_cond_t over;
 	bool is_over;
@@ -70,6 +72,7 @@ static enum err submit(struct errand *e)
 	struct scheduler *s = e->task->server->scheduler;
 	enum err err;
 
+	e->submitted = clock_seconds();
 	while ((err = scheduler_submit(s, &e->job)) == ERR_BUSY) {
 		err = task_verdict(e->task);
 		if (err != ERR_OK)
@@ -87,16 +90,32 @@ static void await(struct errand *e)
 	pthread_mutex_unlock(&e->lock);
 }
 
+/* What e's job, which has succeeded, has taken. */
+static void add_times(const struct errand *e)
+{
+	const struct device_times *times = &e->job.times;
+	struct task *task = e->task;
+
+	task->times.upload += times->upload;
+	task->times.kernel += times->kernel;
+	task->times.download += times->download;
+	if (e->job.begun > 0.0)
+		task->queue_seconds += e->job.begun - e->submitted;
+}
+
 /* Takes the rows of e's job, which is over. */
 static void take(struct errand *e, size_t row_bytes, float *rows)
 {
 	struct task *task = e->task;
 
+	access_charge_points(task->payer, e->job.program, e->job.count);
 	if (e->job.result == ERR_OK)
 		memcpy(rows, e->job.rows, e->job.count * row_bytes);
 	else if (e->job.message[0] != '\0')
 		memcpy(task->message, e->job.message, sizeof task->message);
 	task->device_seconds += e->job.seconds;
+	if (e->job.result == ERR_OK)
+		add_times(e);
 	task->is_draft |= e->job.is_draft;
 	free(e->job.rows);
 	scheduler_return(task->server->scheduler, &e->job);

@@ -1,5 +1,6 @@
 #include "server/volume_store.h"
 
+#include <assert.h>
 #include <pthread.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -9,12 +10,16 @@
 
 #include "core/volume.h"
 #include "proto/grid_npy.h"
+#include "server/backing.h"
 
 struct stored {
 	struct volume *volume; /* a reference */
 	struct volume_entry entry;
-	bool is_forgotten;     /* and in use, when last looked at */
+	bool is_shown;         /* to new documents */
+	unsigned arriving;     /* uploads of it that are not settled */
 };
+
+/* Neither shown nor arriving: forgotten, and in use, when last looked at. */
 
 struct volume_store {
 	pthread_mutex_t lock; /* guards the rest, but bytes_most */
@@ -22,6 +27,10 @@ struct volume_store {
 	size_t count;
 	size_t bytes;         /* of those in the list, and being made */
 	size_t bytes_most;
+	bool is_still;        /* forgotten ones stay */
+	/* Forgotten ones that are no more in the list. */
+	char gone[VOLUME_STORE_MAX][VOLUME_ID_DIGITS + 1];
+	size_t gone_count;
 };
 
 enum err volume_store_create(size_t bytes_most, struct volume_store **out)
@@ -73,9 +82,17 @@ static struct stored *find(struct volume_store *store, const char *id,
 	bool there;
 	size_t at = place(store, id, &there);
 
-	if (!there || (store->list[at].is_forgotten && !also_forgotten))
+	if (!there || !(store->list[at].is_shown || also_forgotten))
 		return NULL;
 	return store->list + at;
+}
+
+/* What does not fit is found again when volumes are loaded the next time. */
+static void add_gone(struct volume_store *store, const char *id)
+{
+	if (store->gone_count < VOLUME_STORE_MAX)
+		memcpy(store->gone[store->gone_count++], id,
+		    VOLUME_ID_DIGITS + 1);
 }
 
 /*
@@ -83,15 +100,19 @@ static struct stored *find(struct volume_store *store, const char *id,
  * meanwhile: a first reference comes from here, under the lock, and a further
  * one from somebody who has one.
  */
-static void sweep(struct volume_store *store)
+static void sweep_but(struct volume_store *store,
+    bool (*stays)(void *ctx, const char *id), void *ctx)
 {
 	size_t kept = 0;
 
 	for (size_t i = 0; i < store->count; i++) {
 		struct stored *s = store->list + i;
 
-		if (s->is_forgotten && atomic_load(&s->volume->refs) == 1) {
+		if (!s->is_shown && s->arriving == 0 &&
+		    atomic_load(&s->volume->refs) == 1 &&
+		    (stays == NULL || !stays(ctx, s->entry.id))) {
 			store->bytes -= s->entry.bytes;
+			add_gone(store, s->entry.id);
 			volume_release(s->volume);
 		} else {
 			store->list[kept++] = *s;
@@ -100,8 +121,14 @@ static void sweep(struct volume_store *store)
 	store->count = kept;
 }
 
+static void sweep(struct volume_store *store)
+{
+	if (!store->is_still)
+		sweep_but(store, NULL, NULL);
+}
+
 static enum err insert(struct volume_store *store, struct volume *volume,
-    const struct volume_entry *entry)
+    const struct volume_entry *entry, struct stored **out)
 {
 	bool there;
 	size_t at = place(store, entry->id, &there);
@@ -110,7 +137,8 @@ static enum err insert(struct volume_store *store, struct volume *volume,
 		return ERR_LIMIT;
 	memmove(store->list + at + 1, store->list + at,
 	    (store->count - at) * sizeof *store->list);
-	store->list[at] = (struct stored){volume, *entry, false};
+	*out = store->list + at;
+	**out = (struct stored){.volume = volume, .entry = *entry};
 	store->count++;
 	return ERR_OK;
 }
@@ -187,8 +215,8 @@ size_t volume_store_need(const struct grid *grid)
 }
 
 /*
- * Whether the volume of that id is there, also if it was forgotten, then as if
- * it were new. Else memory for it is set aside.
+ * Whether the volume of that id is there, also if it was forgotten; then it
+ * arrives once more. Else memory for it is set aside.
  */
 static enum err reserve(struct volume_store *store,
     struct volume_entry *entry, bool *there, bool *is_new)
@@ -201,8 +229,8 @@ static enum err reserve(struct volume_store *store,
 	s = find(store, entry->id, true);
 	*there = s != NULL;
 	if (s != NULL) {
-		*is_new = s->is_forgotten;
-		s->is_forgotten = false;
+		*is_new = !s->is_shown;
+		s->arriving++;
 		*entry = s->entry;
 	} else if (store->count == VOLUME_STORE_MAX ||
 	    entry->bytes > store->bytes_most ||
@@ -222,15 +250,18 @@ static enum err put(struct volume_store *store, struct volume *volume,
 {
 	struct stored *s;
 	enum err err = ERR_OK;
+	bool was_there;
 
 	pthread_mutex_lock(&store->lock);
 	s = find(store, entry->id, true);
-	if (s == NULL)
-		err = insert(store, volume, entry);
-	*is_new = s == NULL || s->is_forgotten;
-	if (s != NULL)
-		s->is_forgotten = false;
-	if (s != NULL || err != ERR_OK) {
+	was_there = s != NULL;
+	if (!was_there)
+		err = insert(store, volume, entry, &s);
+	if (err == ERR_OK) {
+		*is_new = !s->is_shown;
+		s->arriving++;
+	}
+	if (was_there || err != ERR_OK) {
 		store->bytes -= entry->bytes;
 		volume_release(volume);
 	}
@@ -274,6 +305,210 @@ enum err volume_store_add(struct volume_store *store, const struct grid *grid,
 	return err;
 }
 
+void volume_store_settle(struct volume_store *store, const char *id,
+    bool is_kept)
+{
+	struct stored *s;
+
+	pthread_mutex_lock(&store->lock);
+	s = find(store, id, true);
+	if (s != NULL) {
+		s->arriving--;
+		s->is_shown |= is_kept;
+		sweep(store);
+	}
+	pthread_mutex_unlock(&store->lock);
+}
+
+/* ---- keeping ---- */
+
+/* What is kept: a head, then the samples, 32 bits each, little-endian. */
+#define HEAD_SIZE 128
+
+static const char magic[8] = "BFVOLUM1";
+
+struct head {
+	char magic[8];
+	uint64_t is_distance;
+	uint64_t count[3];
+	double min[3], max[3];
+};
+
+static_assert(sizeof(struct head) <= HEAD_SIZE, "the head fits");
+
+enum err volume_store_encode(const struct grid *grid, struct vec3 min,
+    struct vec3 max, bool is_distance, void **data, size_t *length)
+{
+	size_t size = grid->count[0] * grid->count[1] * grid->count[2] *
+	    sizeof *grid->samples;
+	struct head head = {.is_distance = is_distance,
+	    .min = {min.x, min.y, min.z}, .max = {max.x, max.y, max.z}};
+	char *out = malloc(HEAD_SIZE + size);
+
+	if (out == NULL)
+		return ERR_MEMORY;
+	memcpy(head.magic, magic, sizeof magic);
+	for (int i = 0; i < 3; i++)
+		head.count[i] = grid->count[i];
+	memset(out, 0, HEAD_SIZE);
+	memcpy(out, &head, sizeof head);
+	memcpy(out + HEAD_SIZE, grid->samples, size);
+	*data = out;
+	*length = HEAD_SIZE + size;
+	return ERR_OK;
+}
+
+float *volume_store_samples(void *data)
+{
+	return (float *)(void *)((char *)data + HEAD_SIZE);
+}
+
+static bool read_head(const struct backing_volume *v, struct head *head)
+{
+	uint64_t total = 1;
+
+	if (v->length < HEAD_SIZE)
+		return false;
+	memcpy(head, v->data, sizeof *head);
+	if (memcmp(head->magic, magic, sizeof magic) != 0)
+		return false;
+	for (int i = 0; i < 3; i++) {
+		if (head->count[i] < VOLUME_AXIS_MIN ||
+		    head->count[i] > VOLUME_AXIS_MAX)
+			return false;
+		total *= head->count[i];
+	}
+	return total <= VOLUME_SAMPLES_MAX &&
+	    v->length == HEAD_SIZE + total * sizeof(float);
+}
+
+/* v's grid; its samples are a copy if they are not where floats may be. */
+static enum err read_grid(const struct backing_volume *v,
+    const struct head *head, struct grid *out, float **copy)
+{
+	const char *samples = (const char *)v->data + HEAD_SIZE;
+
+	*copy = NULL;
+	for (int i = 0; i < 3; i++)
+		out->count[i] = (size_t)head->count[i];
+	if ((uintptr_t)samples % sizeof(float) == 0) {
+		out->samples = (float *)(void *)(uintptr_t)samples;
+		return ERR_OK;
+	}
+	*copy = malloc(v->length - HEAD_SIZE);
+	if (*copy == NULL)
+		return ERR_MEMORY;
+	memcpy(*copy, samples, v->length - HEAD_SIZE);
+	out->samples = *copy;
+	return ERR_OK;
+}
+
+/* Whether it is there; then it is as v says. */
+static bool mark(struct volume_store *store, const struct backing_volume *v)
+{
+	struct stored *s;
+
+	pthread_mutex_lock(&store->lock);
+	s = find(store, v->id, true);
+	if (s != NULL)
+		s->is_shown = !v->is_forgotten;
+	pthread_mutex_unlock(&store->lock);
+	return s != NULL;
+}
+
+/* Also beyond the bytes that there may be: it is kept, and was within. */
+static enum err load_grid(struct volume_store *store,
+    const struct backing_volume *v, const struct grid *grid,
+    const struct head *head)
+{
+	struct volume_entry entry = {.is_distance = head->is_distance != 0,
+	    .min = vec3(head->min[0], head->min[1], head->min[2]),
+	    .max = vec3(head->max[0], head->max[1], head->max[2]),
+	    .bytes = volume_store_need(grid)};
+	struct volume *volume;
+	struct stored *s;
+	bool is_new;
+	enum err err;
+
+	memcpy(entry.count, grid->count, sizeof entry.count);
+	make_id(grid, &entry);
+	if (strcmp(entry.id, v->id) != 0)
+		return ERR_INVALID;
+	find_extent(grid, &entry);
+	err = volume_create(grid->samples, grid->count, entry.min, entry.max,
+	    entry.is_distance, &volume);
+	if (err != ERR_OK)
+		return err;
+	entry.least_edge = volume->least_edge;
+	pthread_mutex_lock(&store->lock);
+	store->bytes += entry.bytes;
+	pthread_mutex_unlock(&store->lock);
+	err = put(store, volume, &entry, &is_new);
+	if (err != ERR_OK)
+		return err;
+	pthread_mutex_lock(&store->lock);
+	s = find(store, v->id, true);
+	s->arriving--;
+	s->is_shown = !v->is_forgotten;
+	pthread_mutex_unlock(&store->lock);
+	return ERR_OK;
+}
+
+enum err volume_store_load(struct volume_store *store,
+    const struct backing_volume *v)
+{
+	struct grid grid;
+	struct head head;
+	float *copy;
+	enum err err;
+
+	if (mark(store, v) || v->data == NULL)
+		return ERR_OK;
+	if (!read_head(v, &head))
+		return ERR_INVALID;
+	err = read_grid(v, &head, &grid, &copy);
+	if (err == ERR_OK)
+		err = load_grid(store, v, &grid, &head);
+	free(copy);
+	return err;
+}
+
+void volume_store_hold_still(struct volume_store *store, bool is_still)
+{
+	pthread_mutex_lock(&store->lock);
+	store->is_still = is_still;
+	pthread_mutex_unlock(&store->lock);
+}
+
+size_t volume_store_take_gone(struct volume_store *store, size_t most,
+    bool (*stays)(void *ctx, const char *id), void *ctx,
+    char (*ids)[VOLUME_ID_DIGITS + 1])
+{
+	size_t count = 0;
+
+	pthread_mutex_lock(&store->lock);
+	sweep_but(store, stays, ctx);
+	for (size_t i = store->gone_count; i-- > 0 && count < most;) {
+		char *id = store->gone[i];
+
+		if (stays != NULL && stays(ctx, id))
+			continue;
+		if (find(store, id, true) == NULL)
+			memcpy(ids[count++], id, VOLUME_ID_DIGITS + 1);
+		memmove(id, store->gone[--store->gone_count],
+		    VOLUME_ID_DIGITS + 1);
+	}
+	pthread_mutex_unlock(&store->lock);
+	return count;
+}
+
+void volume_store_put_back_gone(struct volume_store *store, const char *id)
+{
+	pthread_mutex_lock(&store->lock);
+	add_gone(store, id);
+	pthread_mutex_unlock(&store->lock);
+}
+
 /* ---- asking ---- */
 
 enum err volume_store_get(struct volume_store *store, const char *id,
@@ -296,7 +531,7 @@ enum err volume_store_delete(struct volume_store *store, const char *id)
 	pthread_mutex_lock(&store->lock);
 	s = find(store, id, false);
 	if (s != NULL) {
-		s->is_forgotten = true;
+		s->is_shown = false;
 		sweep(store);
 	}
 	pthread_mutex_unlock(&store->lock);
@@ -313,7 +548,7 @@ enum err volume_store_list(struct volume_store *store,
 	sweep(store);
 	entries = malloc((store->count + 1) * sizeof *entries);
 	for (size_t i = 0; entries != NULL && i < store->count; i++)
-		if (!store->list[i].is_forgotten)
+		if (store->list[i].is_shown)
 			entries[n++] = store->list[i].entry;
 	pthread_mutex_unlock(&store->lock);
 	if (entries == NULL)
@@ -330,7 +565,7 @@ void volume_store_get_stats(struct volume_store *store,
 	pthread_mutex_lock(&store->lock);
 	sweep(store);
 	for (size_t i = 0; i < store->count; i++)
-		out->count += !store->list[i].is_forgotten;
+		out->count += store->list[i].is_shown;
 	out->bytes = store->bytes;
 	pthread_mutex_unlock(&store->lock);
 }

@@ -1,5 +1,6 @@
 /*
- * The volumes that documents may name, in memory. Safe from any thread.
+ * The volumes that documents may name, in memory. Safe from any thread. Beside
+ * the scenes they are kept on disk, which the scene store's writer does.
  *
  * A volume's id is made of its content, so the same upload is the same volume.
  * One that has been forgotten stays, out of sight of new documents, while
@@ -14,6 +15,7 @@
 #include "core/err.h"
 #include "core/vec3.h"
 
+struct backing_volume;
 struct grid;
 struct volume;
 struct volume_store;
@@ -47,15 +49,51 @@ void volume_store_free(struct volume_store *store);
 
 /*
  * The volume of that grid, which is only read, over the box from min to max;
- * made unless it is there, which *is_new tells. ERR_LIMIT: too many bytes, or
+ * made unless it is there, which *is_new tells. It arrives: documents see it from
+ * volume_store_settle on, which is to follow. ERR_LIMIT: too many bytes, or
  * volumes; ERR_MEMORY.
  */
 enum err volume_store_add(struct volume_store *store, const struct grid *grid,
     struct vec3 min, struct vec3 max, bool is_distance,
     struct volume_entry *out, bool *is_new);
 
+/* One that arrives is kept, and documents may name it; or it is not, and goes,
+ * unless it was there. */
+void volume_store_settle(struct volume_store *store, const char *id,
+    bool is_kept);
+
 /* The memory that a volume of that grid takes. */
 size_t volume_store_need(const struct grid *grid);
+
+/* ---- on disk ---- */
+
+/* A volume's bytes as they are kept, malloc'd; and the samples in them.
+ * ERR_MEMORY. */
+enum err volume_store_encode(const struct grid *grid, struct vec3 min,
+    struct vec3 max, bool is_distance, void **data, size_t *length);
+float *volume_store_samples(void *data);
+
+/*
+ * Puts in what is kept, also beyond the bytes that there may be; one that is there
+ * takes v's is_forgotten. ERR_INVALID: it is not what its id says; ERR_LIMIT: too
+ * many volumes; ERR_MEMORY.
+ */
+enum err volume_store_load(struct volume_store *store,
+    const struct backing_volume *v);
+
+/* While scenes are being read, or it is not known what uses a volume: forgotten
+ * ones stay, used or not, until volume_store_take_gone is asked with who knows. */
+void volume_store_hold_still(struct volume_store *store, bool is_still);
+
+/* Takes ids of forgotten volumes that nothing uses any more, most at a time,
+ * which are to be removed from where they are kept; and gives one back. stays
+ * (or NULL: none) tells of a volume that it stays, though nothing holds it. */
+size_t volume_store_take_gone(struct volume_store *store, size_t most,
+    bool (*stays)(void *ctx, const char *id), void *ctx,
+    char (*ids)[VOLUME_ID_DIGITS + 1]);
+void volume_store_put_back_gone(struct volume_store *store, const char *id);
+
+/* ---- asking ---- */
 
 /* ERR_NOT_FOUND. */
 enum err volume_store_get(struct volume_store *store, const char *id,

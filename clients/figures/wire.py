@@ -22,7 +22,7 @@ class Daemon:
         self.requests = 0
         if url is None:
             self.process = subprocess.Popen(
-                [program, "--listen", "127.0.0.1:0"],
+                [program, "--listen", "127.0.0.1:0", "--data", ":memory:"],
                 stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
             url = self.process.stdout.readline().split()[-1]
         self.url = url.rstrip("/")

@@ -91,7 +91,7 @@ static void fill_cache(const struct start *s)
 	if (pid == 0) {
 		setenv("POCL_CACHE_DIR", s->kernels, 1);
 		execl(s->daemon, s->daemon, "--fill-cache", "--quiet",
-		    "--cache", s->cache, (char *)NULL);
+		    "--data", ":memory:", "--cache", s->cache, (char *)NULL);
 		_exit(127);
 	}
 	waitpid(pid, NULL, 0);
@@ -134,7 +134,7 @@ static pid_t start_daemon(const struct start *s, int out)
 		setenv("POCL_CACHE_DIR", s->kernels, 1);
 		dup2(out, STDOUT_FILENO);
 		execl(s->daemon, s->daemon, "--listen", "127.0.0.1:0",
-		    "--quiet", "--no-measure", "--cache", s->cache,
+		    "--quiet", "--no-measure", "--data", ":memory:", "--cache", s->cache,
 		    (char *)NULL);
 		_exit(127);
 	}

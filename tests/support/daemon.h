@@ -19,7 +19,7 @@ struct daemon {
 
 /*
  * Starts $BLOBFIELDD, else the blobfieldd two folders above the test program,
- * with --no-cache --listen 127.0.0.1:0 --quiet and arguments (NULL-terminated; NULL:
+ * with --no-cache --data :memory: --listen 127.0.0.1:0 --quiet and arguments (NULL-terminated; NULL:
  * none), and reads the address off its first line. Fails the running test if
  * that takes longer than 10 s. If BLOBFIELD_PROXY is set in the environment,
  * "$BLOBFIELD_PROXY URL" is started before it, and d has that one's address:

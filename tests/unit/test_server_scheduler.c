@@ -8,12 +8,14 @@
  */
 #include <stdarg.h>
 #include <stddef.h>
+#include <limits.h>
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
 
 #include <pthread.h>
 #include <stdatomic.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -34,7 +36,12 @@
 
 /* ---- the device ---- */
 
+struct device {
+	int tapes, tables; /* loaded into it */
+};
+
 struct device_tape {
+	struct device *device;
 	float mark; /* of the tape, and of its first table's slot */
 };
 
@@ -54,7 +61,15 @@ static struct {
 	struct launch launches[LAUNCHES_MAX];
 	size_t count;
 	int slots;        /* given so far */
-	int tables, most; /* resident, and how many may be */
+	atomic_int tables;
+	int most;         /* tables there may be */
+	atomic_int opens, rebuilt;
+	enum err reopen_failure;
+	atomic_int reopen_failures; /* of so many attempts to come */
+	/* enum err, of the next one: */
+	atomic_int tape_failure, table_failure, launch_failure;
+	atomic_int every; /* of so many launches one loses the device; 0 */
+	atomic_int launched;
 } fake = {.lock = PTHREAD_MUTEX_INITIALIZER,
     .changed = PTHREAD_COND_INITIALIZER};
 
@@ -63,8 +78,29 @@ enum err device_open(const struct device_options *options, struct device **out,
 {
 	(void)options;
 	(void)failure;
-	*out = malloc(1);
+	fake.opens++;
+	if (fake.reopen_failures > 0) {
+		fake.reopen_failures--;
+		return fake.reopen_failure;
+	}
+	*out = calloc(1, sizeof **out);
 	return ERR_OK;
+}
+
+/* What is to fail the next time; it will no more. */
+static enum err take_failure(atomic_int *failure)
+{
+	return (enum err)atomic_exchange(failure, ERR_OK);
+}
+
+static enum err launch_result(void)
+{
+	enum err err = take_failure(&fake.launch_failure);
+
+	fake.launched++;
+	if (fake.every > 0 && fake.launched % fake.every == 0)
+		return ERR_DEVICE;
+	return err != ERR_OK ? err : fake.failure;
 }
 
 void device_failure_fini(struct device_failure *failure)
@@ -72,8 +108,12 @@ void device_failure_fini(struct device_failure *failure)
 	(void)failure;
 }
 
+/* Tables go with it, tapes do not. */
 void device_close(struct device *d)
 {
+	assert_true(d == NULL || d->tapes == 0);
+	if (d != NULL)
+		fake.tables -= d->tables;
 	free(d);
 }
 
@@ -83,6 +123,14 @@ const struct device_info *device_get_info(const struct device *d)
 
 	(void)d;
 	return &info;
+}
+
+const struct device_times *device_get_times(const struct device *d)
+{
+	static const struct device_times times = {1e-6, 1e-3, 1e-6};
+
+	(void)d;
+	return &times;
 }
 
 const char *device_message(const struct device *d)
@@ -101,29 +149,38 @@ size_t device_table_bytes(const struct device *d, size_t *most)
 enum err device_load_table(struct device *d, const struct table *table,
     int *slot)
 {
-	(void)d;
+	enum err err = take_failure(&fake.table_failure);
+
 	(void)table;
+	if (err != ERR_OK)
+		return err;
 	if (fake.tables == fake.most)
 		return ERR_DEVICE_MEMORY;
 	fake.tables++;
+	d->tables++;
 	*slot = ++fake.slots;
 	return ERR_OK;
 }
 
 void device_drop_table(struct device *d, int slot)
 {
-	(void)d;
 	(void)slot;
 	fake.tables--;
+	d->tables--;
 }
 
 enum err device_load_tape(struct device *d, const struct tape *tape,
     const int *slots, struct device_tape **out)
 {
-	(void)d;
+	enum err err = take_failure(&fake.tape_failure);
+
+	if (err != ERR_OK)
+		return err;
 	*out = malloc(sizeof **out);
 	if (*out == NULL)
 		return ERR_MEMORY;
+	(*out)->device = d;
+	d->tapes++;
 	(*out)->mark = (float)tape->node_count;
 	if (tape->operator_count > 0)
 		(*out)->mark += 1000.0f * (float)slots[0];
@@ -132,7 +189,8 @@ enum err device_load_tape(struct device *d, const struct tape *tape,
 
 void device_drop_tape(struct device *d, struct device_tape *t)
 {
-	(void)d;
+	assert_ptr_equal(t->device, d);
+	d->tapes--;
 	free(t);
 }
 
@@ -189,14 +247,14 @@ enum err device_evaluate(struct device *d, struct device_tape *t,
     const float *points, size_t count, unsigned outputs, float *rows,
     bool (*go_on)(void *ctx), void *ctx)
 {
-	(void)d;
+	assert_ptr_equal(t->device, d);
 	note(points, 1, count);
 	if (!pass(go_on, ctx))
 		return ERR_CANCELLED;
 	if (fake.pace > 0.0)
 		usleep((useconds_t)(1e6 * fake.pace * (double)count));
 	fill(t, points, count, outputs, rows);
-	return fake.failure;
+	return launch_result();
 }
 
 enum err device_evaluate_parts(struct device *d, struct device_tape *t,
@@ -204,7 +262,7 @@ enum err device_evaluate_parts(struct device *d, struct device_tape *t,
 {
 	size_t count = 0;
 
-	(void)d;
+	assert_ptr_equal(t->device, d);
 	for (size_t i = 0; i < part_count; i++)
 		count += parts[i].count;
 	assert_true(count <= DEVICE_PARTS_POINTS);
@@ -215,7 +273,7 @@ enum err device_evaluate_parts(struct device *d, struct device_tape *t,
 	for (size_t i = 0; i < part_count; i++)
 		fill(t, parts[i].points, parts[i].count, outputs,
 		    parts[i].rows);
-	return fake.failure;
+	return launch_result();
 }
 
 static void hold(void)
@@ -285,6 +343,12 @@ static void on_ready(void *ctx)
 	(void)ctx;
 }
 
+static void on_rebuilt(void *ctx)
+{
+	(void)ctx;
+	fake.rebuilt++;
+}
+
 static void on_changed(void *ctx)
 {
 	struct bed *bed = ctx;
@@ -314,12 +378,16 @@ static void teach_pace(struct program *program)
 static void set_up(struct bed *bed, size_t queue)
 {
 	struct scheduler_options options = {.queue = queue, .ready = on_ready,
-	    .failed = on_ready};
+	    .failed = on_ready, .rebuilt = on_rebuilt, .patience = 1.0,
+	    .hang = 0.2};
 
 	*bed = (struct bed){0};
 	fake.held = fake.inside = fake.may_pass = false;
 	fake.pace = PACE;
 	fake.failure = ERR_OK;
+	fake.opens = fake.rebuilt = fake.reopen_failures = 0;
+	fake.tape_failure = fake.table_failure = fake.launch_failure = ERR_OK;
+	fake.every = fake.launched = 0;
 	fake.count = 0;
 	fake.tables = 0;
 	fake.most = 100;
@@ -1029,6 +1097,305 @@ static void test_a_failure_of_the_device_is_everybodys(void **state)
 	tear_down(&bed);
 }
 
+/* Waits for the device to have been opened that often, and be there. */
+static void await_opens(struct bed *bed, int opens, unsigned long rebuilds)
+{
+	while (stats_of(bed).rebuilds < rebuilds)
+		usleep(200);
+	assert_int_equal(fake.opens, opens);
+	assert_int_equal(fake.rebuilt, rebuilds);
+}
+
+static void test_a_device_lost_in_a_batch_fails_that_batch(void **state)
+{
+	struct client first, c[3], others[2], bulk;
+	struct bed bed;
+
+	(void)state;
+	set_up(&bed, 100);
+	plug(&bed, &first);
+	for (int i = 0; i < 3; i++)
+		start(&bed, &c[i], i + 1, 0, 10, JOB_INTERACTIVE);
+	for (int i = 0; i < 2; i++)
+		start(&bed, &others[i], i + 4, 1, 10, JOB_INTERACTIVE);
+	start(&bed, &bulk, 6, 0, 2 * PIECE, JOB_BULK);
+	let_one_go(); /* the batch is held now */
+	fake.launch_failure = ERR_DEVICE;
+	let_go();
+	finish(&first, ERR_OK, 7);
+	for (int i = 0; i < 3; i++)
+		finish(&c[i], ERR_DEVICE, 0);
+	for (int i = 0; i < 2; i++)
+		finish(&others[i], ERR_OK, 1);
+	finish(&bulk, ERR_OK, 0);
+	await_opens(&bed, 2, 1);
+	await_idle(&bed, 7);
+	tear_down(&bed);
+}
+
+/* The pieces before it are kept, those after it follow. */
+static void test_a_job_goes_on_after_the_device_was_lost(void **state)
+{
+	struct client bulk, small;
+	struct bed bed;
+
+	(void)state;
+	set_up(&bed, 100);
+	hold();
+	prepare(&bed, &bulk, 1, 0, 4 * PIECE, JOB_BULK);
+	prepare_pieces(&bulk);
+	submit(&bulk);
+	await_inside();
+	start(&bed, &small, 2, 1, 10, JOB_INTERACTIVE);
+	let_one_go(); /* the bulk job's first piece is through */
+	fake.launch_failure = ERR_DEVICE;
+	let_go();
+	finish(&small, ERR_DEVICE, 1);
+	finish(&bulk, ERR_OK, 0);
+	await_opens(&bed, 2, 1);
+	tear_down(&bed);
+}
+
+static void test_a_device_lost_at_a_tape_fails_who_needs_it(void **state)
+{
+	struct client first, c[2], other;
+	struct bed bed;
+
+	(void)state;
+	set_up(&bed, 100);
+	plug(&bed, &first);
+	fake.tape_failure = ERR_DEVICE;
+	for (int i = 0; i < 2; i++)
+		start(&bed, &c[i], i + 1, 0, 10, JOB_INTERACTIVE);
+	start(&bed, &other, 3, 1, 10, JOB_INTERACTIVE);
+	let_go();
+	finish(&first, ERR_OK, 7);
+	for (int i = 0; i < 2; i++)
+		finish(&c[i], ERR_DEVICE, 0);
+	finish(&other, ERR_OK, 1);
+	await_opens(&bed, 2, 1);
+	tear_down(&bed);
+}
+
+static void await_ready(struct bed *bed)
+{
+	while (!stats_of(bed).ready)
+		usleep(1000);
+}
+
+static void test_a_device_lost_at_a_table_fails_who_needs_it(void **state)
+{
+	struct client c[2], other;
+	struct bed bed;
+
+	(void)state;
+	set_up(&bed, 100);
+	assert_int_equal(tables_start(bed.tables, false, NULL, on_changed,
+	    &bed), ERR_OK);
+	await_ready(&bed);
+	assert_int_equal(fake.tables, 4);
+	replace_program(&bed, false);
+	fake.table_failure = ERR_DEVICE;
+	for (int i = 0; i < 2; i++)
+		start(&bed, &c[i], i + 1, 0, 10, JOB_INTERACTIVE);
+	for (int i = 0; i < 2; i++)
+		finish(&c[i], ERR_DEVICE, 0);
+	start(&bed, &other, 3, 1, 10, JOB_INTERACTIVE);
+	finish(&other, ERR_OK, 1);
+	await_opens(&bed, 2, 1);
+	await_ready(&bed);
+	/* Asked for again, it is built again; the built-in ones in any case. */
+	start(&bed, &other, 4, 0, 10, JOB_INTERACTIVE);
+	await(&other);
+	assert_int_equal(other.job.result, ERR_OK);
+	release(&other);
+	for (int i = 0; i < 60000 && fake.tables < 5; i++)
+		usleep(1000);
+	assert_int_equal(fake.tables, 5);
+	tear_down(&bed);
+}
+
+/* Jobs whose tables were lost with it wait for them. */
+static void test_tables_lost_with_the_device_come_back(void **state)
+{
+	struct client c, other;
+	struct bed bed;
+
+	(void)state;
+	set_up(&bed, 100);
+	replace_program(&bed, false);
+	assert_int_equal(tables_start(bed.tables, false, NULL, on_changed,
+	    &bed), ERR_OK);
+	start(&bed, &c, 1, 0, 10, JOB_INTERACTIVE);
+	await(&c);
+	assert_int_equal(c.job.result, ERR_OK);
+	release(&c);
+	fake.launch_failure = ERR_DEVICE;
+	start(&bed, &other, 2, 1, 10, JOB_INTERACTIVE);
+	start(&bed, &c, 3, 0, 10, JOB_INTERACTIVE);
+	finish(&other, ERR_DEVICE, 1);
+	await(&c);
+	assert_int_equal(c.job.result, ERR_OK);
+	release(&c);
+	tear_down(&bed);
+}
+
+/* Attempts follow at once, and after 0.1, 0.2, ... seconds. */
+static void test_jobs_wait_while_the_device_is_away(void **state)
+{
+	struct client lost, c;
+	double begin;
+	struct bed bed;
+
+	(void)state;
+	set_up(&bed, 100);
+	fake.reopen_failure = ERR_NOT_FOUND;
+	fake.launch_failure = ERR_DEVICE;
+	plug(&bed, &lost);
+	fake.reopen_failures = 3;
+	begin = clock_seconds();
+	let_go();
+	finish(&lost, ERR_DEVICE, 7);
+	start(&bed, &c, 1, 0, 10, JOB_INTERACTIVE);
+	assert_false(stats_of(&bed).ready);
+	finish(&c, ERR_OK, 0);
+	/* 0.7 s, and the time it takes to wake up */
+	assert_true(clock_seconds() - begin > 0.69);
+	assert_true(clock_seconds() - begin < 1.0);
+	await_opens(&bed, 5, 1);
+	tear_down(&bed);
+}
+
+static void test_jobs_do_not_wait_for_ever_for_the_device(void **state)
+{
+	struct client lost, c, timed, gone;
+	double begin;
+	struct bed bed;
+
+	(void)state;
+	set_up(&bed, 100);
+	fake.reopen_failure = ERR_NOT_FOUND;
+	fake.launch_failure = ERR_DEVICE;
+	plug(&bed, &lost);
+	fake.reopen_failures = 1000;
+	begin = clock_seconds();
+	let_go();
+	finish(&lost, ERR_DEVICE, 7);
+	start(&bed, &c, 1, 0, 10, JOB_INTERACTIVE);
+	start(&bed, &gone, 2, 0, 10, JOB_INTERACTIVE);
+	atomic_store(&gone.gone, true);
+	prepare(&bed, &timed, 3, 0, 10, JOB_INTERACTIVE);
+	timed.job.deadline = begin + 0.3;
+	submit(&timed);
+	finish(&timed, ERR_DEADLINE, 0);
+	finish(&gone, ERR_CANCELLED, 0);
+	assert_true(clock_seconds() - begin < 0.9);
+	finish(&c, ERR_DEVICE, 0);
+	assert_true(clock_seconds() - begin > 0.99);
+	assert_true(clock_seconds() - begin < 1.7);
+	/* From now on they are told at once. */
+	start(&bed, &c, 4, 0, 10, JOB_INTERACTIVE);
+	finish(&c, ERR_DEVICE, 0);
+	fake.reopen_failures = 0;
+	await_opens(&bed, fake.opens + 1, 1);
+	start(&bed, &c, 5, 0, 10, JOB_INTERACTIVE);
+	finish(&c, ERR_OK, 0);
+	tear_down(&bed);
+}
+
+static void test_stopping_while_the_device_is_away(void **state)
+{
+	struct client lost, c;
+	struct bed bed;
+
+	(void)state;
+	set_up(&bed, 100);
+	fake.launch_failure = ERR_DEVICE;
+	fake.reopen_failure = ERR_DEVICE;
+	plug(&bed, &lost);
+	fake.reopen_failures = 1000;
+	let_go();
+	finish(&lost, ERR_DEVICE, 7);
+	start(&bed, &c, 1, 0, 10, JOB_INTERACTIVE);
+	scheduler_stop(bed.s);
+	finish(&c, ERR_CANCELLED, 0);
+	for (size_t i = 0; i < 8; i++)
+		scheduler_release(bed.s, bed.programs[i]);
+	tables_stop(bed.tables);
+	tables_free(bed.tables);
+	scheduler_free(bed.s);
+}
+
+/* What others have on the device makes room; the device is none the worse. */
+static void test_a_launch_without_device_memory_is_tried_again(void **state)
+{
+	struct client c;
+	struct bed bed;
+
+	(void)state;
+	set_up(&bed, 100);
+	start(&bed, &c, 1, 0, 10, JOB_INTERACTIVE);
+	finish(&c, ERR_OK, 0);
+	fake.launch_failure = ERR_DEVICE_MEMORY;
+	start(&bed, &c, 2, 1, 10, JOB_INTERACTIVE);
+	finish(&c, ERR_OK, 1);
+	fake.launch_failure = ERR_DEVICE_MEMORY; /* no others are left */
+	start(&bed, &c, 3, 1, 10, JOB_INTERACTIVE);
+	finish(&c, ERR_DEVICE_MEMORY, 1);
+	start(&bed, &c, 4, 1, 10, JOB_INTERACTIVE);
+	finish(&c, ERR_OK, 1);
+	assert_int_equal(fake.opens, 1);
+	tear_down(&bed);
+}
+
+static void test_a_device_without_memory_for_long_is_opened_anew(void **state)
+{
+	struct client c;
+	struct bed bed;
+
+	(void)state;
+	set_up(&bed, 100);
+	for (int i = 0; i < 7; i++) {
+		fake.launch_failure = ERR_MEMORY;
+		start(&bed, &c, i, 0, 10, JOB_INTERACTIVE);
+		finish(&c, ERR_MEMORY, 0);
+	}
+	assert_int_equal(fake.opens, 1);
+	fake.launch_failure = ERR_MEMORY;
+	start(&bed, &c, 8, 0, 10, JOB_INTERACTIVE);
+	finish(&c, ERR_MEMORY, 0);
+	await_opens(&bed, 2, 1);
+	start(&bed, &c, 9, 0, 10, JOB_INTERACTIVE);
+	finish(&c, ERR_OK, 0);
+	tear_down(&bed);
+}
+
+static void test_a_launch_that_hangs_is_noticed(void **state)
+{
+	struct client c;
+	struct bed bed;
+
+	(void)state;
+	set_up(&bed, 100);
+	assert_true(scheduler_watch(bed.s));
+	hold();
+	start(&bed, &c, 1, 0, 10, JOB_INTERACTIVE);
+	await_inside();
+	/* It asks whether to go on, which shows that it does not hang. */
+	usleep(300000);
+	assert_true(scheduler_watch(bed.s));
+	let_go();
+	finish(&c, ERR_OK, 0);
+	fake.pace = 0.04; /* 10 points: 0.4 s without asking */
+	start(&bed, &c, 2, 0, 10, JOB_INTERACTIVE);
+	usleep(300000);
+	assert_false(scheduler_watch(bed.s));
+	assert_false(stats_of(&bed).ready);
+	finish(&c, ERR_OK, 0);
+	assert_true(scheduler_watch(bed.s));
+	tear_down(&bed);
+}
+
 static void test_one_without_memory_does_not_fail_the_others(void **state)
 {
 	struct client first, c[3];
@@ -1515,7 +1882,8 @@ static int storm_once(struct stormer *s, struct random_stream *r)
 			wrong += !rows_are_right(&c[i], (float)(program + 1));
 		else if (err[i] == ERR_OK)
 			wrong += c[i].job.result != ERR_CANCELLED &&
-			    c[i].job.result != ERR_DEADLINE;
+			    c[i].job.result != ERR_DEADLINE &&
+			    (c[i].job.result != ERR_DEVICE || fake.every == 0);
 		else
 			wrong += err[i] != ERR_BUSY && err[i] != ERR_CANCELLED;
 		wrong += atomic_load(&c[i].done) != (err[i] == ERR_OK);
@@ -1566,6 +1934,29 @@ static void test_each_job_of_a_storm_is_completed_once(void **state)
 	while (!scheduler_is_idle(bed.s))
 		usleep(200);
 	assert_true(stats_of(&bed).batched > 0);
+	tear_down(&bed);
+}
+
+/* ... also where every 20th launch is the device's end. */
+static void test_each_job_of_a_storm_with_losses_is_completed_once(
+    void **state)
+{
+	struct stormer s[4];
+	struct bed bed;
+
+	(void)state;
+	set_up(&bed, 30);
+	fake.every = 20;
+	start_storm(s, &bed, INT_MAX);
+	while (stats_of(&bed).rebuilds < 4)
+		usleep(200);
+	for (int i = 0; i < 4; i++)
+		atomic_store(&s[i].stop, true);
+	end_storm(s);
+	while (!scheduler_is_idle(bed.s))
+		usleep(200);
+	printf("measured: the device was lost %d times in %d launches\n",
+	    fake.rebuilt, fake.launched);
 	tear_down(&bed);
 }
 
@@ -1621,6 +2012,25 @@ int main(void)
 		cmocka_unit_test(test_a_failure_of_the_device_is_everybodys),
 		cmocka_unit_test(
 		test_one_without_memory_does_not_fail_the_others),
+		cmocka_unit_test(
+		    test_a_device_lost_in_a_batch_fails_that_batch),
+		cmocka_unit_test(test_a_job_goes_on_after_the_device_was_lost),
+		cmocka_unit_test(
+		    test_a_device_lost_at_a_tape_fails_who_needs_it),
+		cmocka_unit_test(
+		    test_a_device_lost_at_a_table_fails_who_needs_it),
+		cmocka_unit_test(test_tables_lost_with_the_device_come_back),
+		cmocka_unit_test(test_jobs_wait_while_the_device_is_away),
+		cmocka_unit_test(
+		    test_jobs_do_not_wait_for_ever_for_the_device),
+		cmocka_unit_test(test_stopping_while_the_device_is_away),
+		cmocka_unit_test(
+		    test_a_launch_without_device_memory_is_tried_again),
+		cmocka_unit_test(
+		    test_a_device_without_memory_for_long_is_opened_anew),
+		cmocka_unit_test(test_a_launch_that_hangs_is_noticed),
+		cmocka_unit_test(
+		    test_each_job_of_a_storm_with_losses_is_completed_once),
 		cmocka_unit_test(test_no_memory_is_an_error_at_each_step),
 		cmocka_unit_test(test_a_full_queue_refuses),
 		cmocka_unit_test(test_jobs_begun_take_places_in_the_queue),

@@ -97,6 +97,14 @@ static const char *check(const struct http_reply *reply)
 	return NULL;
 }
 
+static void note_failure(struct client *client, const char *what,
+    const struct http_reply *reply)
+{
+	client->failure = what;
+	print_message("%s: %ld %.*s\n", what, reply->status,
+	    (int)reply->length, reply->body);
+}
+
 static void *work(void *arg)
 {
 	struct client *client = arg;
@@ -114,11 +122,11 @@ static void *work(void *arg)
 			http_do(url, &(struct http_request){
 			    .method = "DELETE", .path = path}, &reply);
 			if (reply.status != 204 && reply.status != 404)
-				client->failure = "DELETE failed";
+				note_failure(client, "DELETE", &reply);
 		} else if (dice / SCENES % 8 < 3) {
 			put(url, scene, (int)(dice >> 10 & 1), &reply);
 			if (reply.status != 200 && reply.status != 201)
-				client->failure = "PUT failed";
+				note_failure(client, "PUT", &reply);
 		} else {
 			evaluate(url, scene, &reply);
 			client->failure = check(&reply);

@@ -166,7 +166,7 @@ static void test_405_with_allow(void **state)
 	static const struct wrong list[] = {
 		{NULL, EVAL, NULL, NULL, NULL, 405, "POST", NULL},
 		{"DELETE", "/v1/scenes", NULL, NULL, NULL, 405, "GET", NULL},
-		{"PATCH", "/v1/scenes/x", NULL, NULL, NULL, 405, "PUT", NULL},
+		{"PATCH", "/v1/info", NULL, NULL, NULL, 405, "PATCH", NULL},
 		{"BREW", "/v1/info", NULL, NULL, NULL, 405, "BREW", NULL},
 	};
 	const struct daemon *d = *state;
@@ -179,7 +179,7 @@ static void test_405_with_allow(void **state)
 	    .headers = {JSON}}, &reply);
 	assert_int_equal(reply.status, 405);
 	assert_string_equal(http_header(&reply, "Allow", allow, sizeof allow),
-	    "GET, HEAD, PUT, DELETE, OPTIONS");
+	    "GET, HEAD, PUT, PATCH, DELETE, OPTIONS");
 	http_reply_fini(&reply);
 	http_do(d->url, &(struct http_request){.method = "OPTIONS",
 	    .path = EVAL}, &reply);
@@ -388,7 +388,7 @@ static void test_bad_flags_exit_with_2(void **state)
 		{"--max-body", "1T", NULL},
 		{"--width=3", NULL, NULL},
 		{"--layout", "twisted", NULL},
-		{"--quiet=yes", NULL, NULL},
+		{"--quiet=perhaps", NULL, NULL},
 		{"stray", NULL, NULL},
 	};
 	char output[4096];

@@ -7,6 +7,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
+#include <fcntl.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
@@ -133,13 +134,26 @@ static void test_sigint_is_as_good(void **state)
 	assert_int_equal(daemon_stop(&d, SIGINT), 0);
 }
 
-static void test_sighup_is_as_good(void **state)
+/* From a terminal it says that the terminal has gone: tests/wire/test_systemd.py
+ * has that. */
+static void test_sighup_ends_nothing_without_a_terminal(void **state)
 {
+	int null = open("/dev/null", O_RDONLY), saved = dup(STDIN_FILENO);
+	struct http_reply reply;
 	struct daemon d;
 
 	(void)state;
+	dup2(null, STDIN_FILENO);
 	daemon_start(&d, no_measure);
-	assert_int_equal(daemon_stop(&d, SIGHUP), 0);
+	dup2(saved, STDIN_FILENO);
+	close(null);
+	close(saved);
+	kill(d.pid, SIGHUP);
+	usleep(200000);
+	http_get(d.url, "/healthz", &reply);
+	http_reply_fini(&reply);
+	assert_int_equal(reply.status, 200);
+	assert_int_equal(daemon_stop(&d, SIGTERM), 0);
 }
 
 static void test_stopping_before_ready(void **state)
@@ -487,7 +501,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_an_idle_daemon_stops_with_0),
 		cmocka_unit_test(test_sigint_is_as_good),
-		cmocka_unit_test(test_sighup_is_as_good),
+		cmocka_unit_test(test_sighup_ends_nothing_without_a_terminal),
 		cmocka_unit_test(test_stopping_before_ready),
 		cmocka_unit_test(test_stopping_while_measuring),
 		cmocka_unit_test(test_evaluations_before_ready_wait),

@@ -1,0 +1,305 @@
+#include "server/backing_redis_link.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+
+#include <hiredis/hiredis.h>
+
+#include "server/clock.h"
+
+#define CONNECT_SECONDS 1
+
+static const struct timeval connect_time = {CONNECT_SECONDS, 0};
+static const struct timeval wait_time = {
+	(time_t)BACKING_REDIS_WAIT_SECONDS, 0};
+
+/* ---- commands ---- */
+
+void backing_redis_call_add(struct backing_redis_call *call, const void *data,
+    size_t length)
+{
+	if (call->count == BACKING_REDIS_ARGUMENTS_MAX)
+		abort();
+	call->argv[call->count] = data;
+	call->lengths[call->count++] = length;
+}
+
+void backing_redis_call_text(struct backing_redis_call *call,
+    const char *text)
+{
+	backing_redis_call_add(call, text, strlen(text));
+}
+
+void backing_redis_call_init(struct backing_redis_call *call,
+    const char *command)
+{
+	call->count = 0;
+	call->script = -1;
+	backing_redis_call_text(call, command);
+}
+
+void backing_redis_call_script(struct backing_redis_call *call,
+    enum backing_redis_script script, int keys)
+{
+	backing_redis_call_init(call, "EVALSHA");
+	call->script = (int)script;
+	backing_redis_call_text(call, ""); /* its hash, when it is sent */
+	snprintf(call->keys, sizeof call->keys, "%d", keys);
+	backing_redis_call_text(call, call->keys);
+}
+
+/* ---- the connection ---- */
+
+void backing_redis_link_init(struct backing_redis_link *link,
+    const struct backing_redis_url *url)
+{
+	*link = (struct backing_redis_link){.url = url, .fd = -1};
+	pthread_mutex_init(&link->lock, NULL);
+}
+
+static void note_fd(struct backing_redis_link *link, int fd)
+{
+	pthread_mutex_lock(&link->lock);
+	link->fd = fd;
+	pthread_mutex_unlock(&link->lock);
+}
+
+void backing_redis_link_close(struct backing_redis_link *link)
+{
+	note_fd(link, -1);
+	if (link->context != NULL)
+		redisFree(link->context);
+	link->context = NULL;
+}
+
+void backing_redis_link_fini(struct backing_redis_link *link)
+{
+	backing_redis_link_close(link);
+	pthread_mutex_destroy(&link->lock);
+}
+
+void backing_redis_link_break(struct backing_redis_link *link)
+{
+	pthread_mutex_lock(&link->lock);
+	if (link->fd >= 0)
+		shutdown(link->fd, SHUT_RDWR);
+	pthread_mutex_unlock(&link->lock);
+}
+
+/* Closes, and keeps what it was lost by. */
+static void lose(struct backing_redis_link *link)
+{
+	const redisContext *c = link->context;
+
+	link->is_slow = c != NULL && c->err == REDIS_ERR_IO &&
+	    (errno == EAGAIN || errno == EWOULDBLOCK || errno == ETIMEDOUT);
+	if (link->is_slow)
+		snprintf(link->message, sizeof link->message,
+		    "no answer in time");
+	else
+		snprintf(link->message, sizeof link->message, "%s",
+		    c != NULL ? c->errstr : "out of memory");
+	backing_redis_link_close(link);
+}
+
+bool backing_redis_link_send(struct backing_redis_link *link,
+    struct backing_redis_call *call)
+{
+	if (call->script >= 0) {
+		call->argv[1] = link->sha[call->script];
+		call->lengths[1] = strlen(call->argv[1]);
+	}
+	if (redisAppendCommandArgv(link->context, call->count, call->argv,
+	    call->lengths) == REDIS_OK)
+		return true;
+	lose(link);
+	return false;
+}
+
+struct redisReply *backing_redis_link_get(struct backing_redis_link *link)
+{
+	void *reply;
+
+	errno = 0;
+	if (redisGetReply(link->context, &reply) == REDIS_OK)
+		return reply;
+	lose(link);
+	return NULL;
+}
+
+/* reply; or message and NULL if it is an error. */
+static redisReply *check(struct backing_redis_link *link, redisReply *reply)
+{
+	if (reply == NULL || reply->type != REDIS_REPLY_ERROR)
+		return reply;
+	snprintf(link->message, sizeof link->message, "%s", reply->str);
+	freeReplyObject(reply);
+	return NULL;
+}
+
+bool backing_redis_is_forgotten(const struct redisReply *reply)
+{
+	return reply->type == REDIS_REPLY_ERROR &&
+	    strncmp(reply->str, "NOSCRIPT", 8) == 0;
+}
+
+struct redisReply *backing_redis_link_do(struct backing_redis_link *link,
+    struct backing_redis_call *call)
+{
+	redisReply *reply;
+
+	for (int i = 0; ; i++) {
+		reply = backing_redis_link_send(link, call) ?
+		    backing_redis_link_get(link) : NULL;
+		if (reply == NULL || i > 0 ||
+		    !backing_redis_is_forgotten(reply))
+			return check(link, reply);
+		freeReplyObject(reply);
+		if (backing_redis_link_load_scripts(link) != ERR_OK)
+			return NULL;
+	}
+}
+
+/* ---- making it ---- */
+
+enum err backing_redis_link_load_scripts(struct backing_redis_link *link)
+{
+	for (int i = 0; i < SCRIPT_COUNT; i++) {
+		struct backing_redis_call call;
+		redisReply *reply;
+
+		backing_redis_call_init(&call, "SCRIPT");
+		backing_redis_call_text(&call, "LOAD");
+		backing_redis_call_text(&call, backing_redis_scripts[i]);
+		reply = backing_redis_link_do(link, &call);
+		if (reply == NULL)
+			return ERR_UNAVAILABLE;
+		snprintf(link->sha[i], sizeof link->sha[i], "%s",
+		    reply->type == REDIS_REPLY_STRING ? reply->str : "");
+		freeReplyObject(reply);
+	}
+	return ERR_OK;
+}
+
+/* A command whose answer is only to be none of the errors. */
+static enum err say(struct backing_redis_link *link,
+    struct backing_redis_call *call)
+{
+	redisReply *reply = backing_redis_link_do(link, call);
+
+	if (reply == NULL)
+		return ERR_UNAVAILABLE;
+	freeReplyObject(reply);
+	return ERR_OK;
+}
+
+static enum err authenticate(struct backing_redis_link *link)
+{
+	const struct backing_redis_url *url = link->url;
+	struct backing_redis_call call;
+
+	if (url->password[0] == '\0')
+		return ERR_OK;
+	backing_redis_call_init(&call, "AUTH");
+	if (url->user[0] != '\0')
+		backing_redis_call_text(&call, url->user);
+	backing_redis_call_text(&call, url->password);
+	return say(link, &call);
+}
+
+static enum err select_database(struct backing_redis_link *link)
+{
+	struct backing_redis_call call;
+	char number[16];
+
+	if (link->url->database == 0)
+		return ERR_OK;
+	snprintf(number, sizeof number, "%d", link->url->database);
+	backing_redis_call_init(&call, "SELECT");
+	backing_redis_call_text(&call, number);
+	return say(link, &call);
+}
+
+enum err backing_redis_link_read_clock(struct backing_redis_link *link)
+{
+	struct backing_redis_call call;
+	redisReply *reply;
+	enum err err = ERR_UNAVAILABLE;
+
+	backing_redis_call_init(&call, "TIME");
+	reply = backing_redis_link_do(link, &call);
+	if (reply == NULL)
+		return ERR_UNAVAILABLE;
+	if (reply->type == REDIS_REPLY_ARRAY && reply->elements == 2) {
+		link->offset = strtod(reply->element[0]->str, NULL) +
+		    1e-6 * strtod(reply->element[1]->str, NULL) -
+		    clock_seconds();
+		link->clock_read = clock_seconds();
+		err = ERR_OK;
+	}
+	freeReplyObject(reply);
+	return err;
+}
+
+double backing_redis_link_time(const struct backing_redis_link *link,
+    double seconds)
+{
+	return 1e3 * (link->offset + clock_seconds() + seconds);
+}
+
+static enum err set_up(struct backing_redis_link *link)
+{
+	enum err err;
+
+	if (redisSetTimeout(link->context, connect_time) != REDIS_OK)
+		return ERR_UNAVAILABLE;
+	err = authenticate(link);
+	if (err == ERR_OK)
+		err = select_database(link);
+	if (err == ERR_OK)
+		err = backing_redis_link_read_clock(link);
+	if (err == ERR_OK)
+		err = backing_redis_link_load_scripts(link);
+	if (err == ERR_OK && redisSetTimeout(link->context, wait_time) !=
+	    REDIS_OK)
+		err = ERR_UNAVAILABLE;
+	return err;
+}
+
+/* Whether the other end has closed an idle connection: nothing is asked. */
+static bool is_hung_up(const struct backing_redis_link *link)
+{
+	char byte;
+	ssize_t n = recv(link->context->fd, &byte, 1, MSG_PEEK | MSG_DONTWAIT);
+
+	return n == 0 || (n < 0 && errno != EAGAIN && errno != EWOULDBLOCK &&
+	    errno != EINTR);
+}
+
+enum err backing_redis_link_open(struct backing_redis_link *link)
+{
+	const struct backing_redis_url *url = link->url;
+	enum err err;
+
+	if (link->context != NULL && is_hung_up(link))
+		backing_redis_link_close(link);
+	if (link->context != NULL)
+		return ERR_OK;
+	link->context = url->port != 0 ?
+	    redisConnectWithTimeout(url->host, url->port, connect_time) :
+	    redisConnectUnixWithTimeout(url->host, connect_time);
+	if (link->context == NULL || link->context->err != 0) {
+		lose(link);
+		return ERR_UNAVAILABLE;
+	}
+	if (url->port != 0)
+		redisEnableKeepAlive(link->context);
+	note_fd(link, link->context->fd);
+	err = set_up(link);
+	if (err != ERR_OK)
+		backing_redis_link_close(link);
+	return err;
+}
