@@ -9,6 +9,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include <cjson/cJSON.h>
 
@@ -47,15 +48,59 @@ static const struct {
 struct blobfield *blobfield_create(const char *url)
 {
 	struct blobfield *b = calloc(1, sizeof *b);
+	const char *ca;
 
 	if (url == NULL)
 		url = getenv("BLOBFIELD_URL");
 	if (url == NULL || *url == '\0')
 		url = BLOBFIELD_URL;
-	if (b != NULL && transfer_init(&b->transfer, url))
-		return b;
-	free(b);
-	return NULL;
+	if (b == NULL || !transfer_init(&b->transfer, url)) {
+		free(b);
+		return NULL;
+	}
+	blobfield_set_token(b, getenv("BLOBFIELD_TOKEN"));
+	/* One that cannot be read shows in the first call by https. */
+	ca = getenv("BLOBFIELD_CA");
+	if (ca != NULL && *ca != '\0')
+		transfer_set_ca(&b->transfer, ca);
+	return b;
+}
+
+/* Whether it can stand in a header as it is. */
+static bool is_token(const char *token)
+{
+	for (const char *at = token; *at != '\0'; at++)
+		if (*at <= ' ' || *at > '~' || at - token >= 255)
+			return false;
+	return true;
+}
+
+enum blobfield_outcome blobfield_set_token(struct blobfield *b,
+    const char *token)
+{
+	char *line = b->transfer.authorization;
+
+	line[0] = '\0';
+	if (token == NULL || *token == '\0')
+		return BLOBFIELD_OK;
+	b->transfer.status = 0;
+	if (!is_token(token))
+		return client_fail(b, BLOBFIELD_ARGUMENT, "a token is one word "
+		    "of up to 255 characters");
+	snprintf(line, sizeof b->transfer.authorization, "Bearer %s", token);
+	return BLOBFIELD_OK;
+}
+
+enum blobfield_outcome blobfield_set_ca(struct blobfield *b,
+    const char *path)
+{
+	if (path != NULL && *path == '\0')
+		path = NULL;
+	b->transfer.status = 0;
+	if (path != NULL && access(path, R_OK) != 0)
+		return client_fail(b, BLOBFIELD_ARGUMENT, "'%.400s' cannot be "
+		    "read", path);
+	return client_fail(b, transfer_set_ca(&b->transfer, path), "%s", "");
 }
 
 void blobfield_free(struct blobfield *b)
@@ -238,8 +283,7 @@ enum blobfield_outcome client_path(struct blobfield *b,
 	return BLOBFIELD_OK;
 }
 
-/* A member of the summary that keeping a scene answers with. */
-static enum blobfield_outcome read_summary(struct blobfield *b,
+enum blobfield_outcome client_read_summary(struct blobfield *b,
     const char *name, char *out, size_t size)
 {
 	cJSON *json = cJSON_Parse((const char *)b->transfer.bytes.data);
@@ -267,7 +311,7 @@ enum blobfield_outcome blobfield_put(struct blobfield *b, const char *id,
 			.size = size
 		});
 	if (outcome == BLOBFIELD_OK && tag != NULL)
-		outcome = read_summary(b, "revision", tag, BLOBFIELD_TAG_MAX);
+		outcome = client_read_summary(b, "revision", tag, BLOBFIELD_TAG_MAX);
 	return outcome;
 }
 
@@ -284,7 +328,7 @@ enum blobfield_outcome blobfield_post(struct blobfield *b,
 	});
 
 	if (outcome == BLOBFIELD_OK)
-		outcome = read_summary(b, "id", id, BLOBFIELD_ID_MAX);
+		outcome = client_read_summary(b, "id", id, BLOBFIELD_ID_MAX);
 	return outcome;
 }
 

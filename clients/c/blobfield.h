@@ -78,6 +78,25 @@ struct blobfield;
 struct blobfield *blobfield_create(const char *url);
 void blobfield_free(struct blobfield *b);
 
+/*
+ * The token to send, for a daemon that asks for one; NULL or "": none. At first
+ * $BLOBFIELD_TOKEN. It is copied; libcurl does not send it on to another host.
+ * BLOBFIELD_ARGUMENT: it is no word of up to 255 printable characters.
+ * What a daemon makes of it: status 401 (type "unauthorized"), 403
+ * ("forbidden"), 429 ("too-many-requests", with the header Retry-After).
+ */
+enum blobfield_outcome blobfield_set_token(struct blobfield *b,
+    const char *token);
+
+/*
+ * A file of certificates (PEM) to trust, instead of the system's, for a daemon
+ * whose url is https. NULL or "": the system's. At first $BLOBFIELD_CA.
+ * BLOBFIELD_ARGUMENT: it cannot be read. What is wrong in it, or with the
+ * environment's, shows in the next call: BLOBFIELD_UNREACHABLE.
+ */
+enum blobfield_outcome blobfield_set_ca(struct blobfield *b,
+    const char *path);
+
 /* What the last call came to; valid until the next. */
 const struct blobfield_error *blobfield_error(const struct blobfield *b);
 
@@ -148,8 +167,57 @@ enum blobfield_outcome blobfield_post(struct blobfield *b,
 enum blobfield_outcome blobfield_get(struct blobfield *b, const char *id,
     struct blobfield_bytes *out);
 
+/*
+ * Changes a part of a kept document: patch, size bytes of JSON, is a JSON Patch
+ * (RFC 6902) if it is an array, a merge patch (RFC 7396) if it is not. What
+ * others change meanwhile stays, unless if_match, a revision, is not NULL:
+ * then status 412 (type "precondition-failed") if the scene has another. tag,
+ * if not NULL, gets the new revision.
+ *
+ * BLOBFIELD_REFUSED with status 409 ("conflict"): a "test" of it failed; 422
+ * ("invalid"): places point into the patch, or, if the error's detail begins
+ * with "The document after the patch", into that. Nothing has changed then.
+ */
+enum blobfield_outcome blobfield_patch(struct blobfield *b, const char *id,
+    const char *patch, size_t size, const char *if_match,
+    char tag[BLOBFIELD_TAG_MAX]);
+
 /* Forgets a scene. */
 enum blobfield_outcome blobfield_delete(struct blobfield *b, const char *id);
+
+/* ---- changes ---- */
+
+#define BLOBFIELD_SEQUENCE_MAX 48
+#define BLOBFIELD_TIME_MAX 32
+
+/* A change of a scene. */
+struct blobfield_event {
+	bool is_deletion; /* the scene is gone; then revision is "", nodes and
+	                   * bytes 0 */
+	bool has_missed;  /* others were before it that are not told */
+	char sequence[BLOBFIELD_SEQUENCE_MAX]; /* for blobfield_events */
+	char revision[BLOBFIELD_TAG_MAX];
+	char time[BLOBFIELD_TIME_MAX]; /* 2026-11-22T13:35:32.123Z */
+	size_t nodes, bytes;           /* of the document */
+};
+
+/*
+ * Calls event with a scene's present revision, then with every change as it is
+ * made. last, if not NULL, is the sequence of one: those after it come instead,
+ * as far as they are kept; if not all of them are, the present one, which has
+ * has_missed. event must call nothing with b but blobfield_cancel; progress is
+ * called in between as in any other call.
+ *
+ * If the connection breaks, or the daemon is started again, it goes on where it
+ * was, however long that takes. Returns BLOBFIELD_OK when the scene has been
+ * deleted (while there was no connection: without an event), or event has
+ * returned other than 0; BLOBFIELD_CANCELLED; BLOBFIELD_UNREACHABLE only if
+ * there was no connection at first; BLOBFIELD_REFUSED, with status 404 if there
+ * is no scene.
+ */
+enum blobfield_outcome blobfield_events(struct blobfield *b, const char *id,
+    const char *last,
+    int (*event)(void *ctx, const struct blobfield_event *event), void *ctx);
 
 /* ---- values ---- */
 

@@ -32,6 +32,11 @@ enum blobfield_outcome client_do(struct blobfield *b,
 enum blobfield_outcome client_path(struct blobfield *b,
     char path[CLIENT_PATH_MAX], const char *id, const char *tail);
 
+/* A text of the summary that keeping a scene answers with; STRANGE if it has
+ * none of that name. */
+enum blobfield_outcome client_read_summary(struct blobfield *b,
+    const char *name, char *out, size_t size);
+
 /* The last answer's bytes to *out, which the caller frees. */
 void client_take(struct blobfield *b, struct blobfield_bytes *out);
 

@@ -28,7 +28,9 @@ static const char common_about[] =
     "file: FILE:LINE:COLUMN: POINTER: WHAT.\n"
     "\n"
     "Environment: BLOBFIELD_URL is the daemon's address,\n"
-    BLOBFIELD_URL " unless set.\n";
+    BLOBFIELD_URL " unless set; BLOBFIELD_TOKEN the token\n"
+    "to send, unless --token says another (which others on this machine see);\n"
+    "BLOBFIELD_CA the file of certificates to trust, unless --ca does.\n";
 
 #define ROWS_ABOUT(what, columns) \
     what " (- or nothing: stdin) have " columns " numbers a row: text, a\n" \
@@ -64,6 +66,21 @@ static const struct command commands[] = {
 	    "revision.\n", command_put},
 	{"get", "ID [-o FILE]", "the document of a kept scene",
 	    "Prints a document as it was put.\n", command_get},
+	{"patch", "ID [FILE]", "change a part of a document",
+	    "Changes a part of the document under ID by a patch, from FILE or "
+	    "stdin, and\nprints the new revision. A patch that is an array is "
+	    "a JSON Patch (RFC 6902),\nany other a merge patch (RFC 7396). All "
+	    "of it is done, or nothing.\n", command_patch},
+	{"revisions", "ID", "what has been kept under an ID",
+	    "Prints sequence, time, revision, number of nodes and bytes of "
+	    "each revision of\na scene that is kept, the newest first.\n",
+	    command_revisions},
+	{"events", "ID", "changes of a scene as they are made",
+	    "Prints sequence, time, revision, number of nodes and bytes of the "
+	    "present\nrevision of a scene, then of each change as it is made; "
+	    "\"missed\" behind them\nif there were others before it. Goes on "
+	    "when the daemon is started again. Ends\nwhen the scene is deleted "
+	    "or when interrupted.\n", command_events},
 	{"list", "", "the scenes that are kept",
 	    "Prints id, number of nodes and name of each scene.\n",
 	    command_scenes},
@@ -132,17 +149,37 @@ static bool is_number_wrong(int count, int least, int most)
 	return count < least || count > most;
 }
 
+/* NULL: as the environment has it. false: said why. */
+static bool set_access(struct session *s, const char *token, const char *ca)
+{
+	const char *wrong = NULL;
+
+	if (token != NULL && blobfield_set_token(s->client, token) !=
+	    BLOBFIELD_OK)
+		wrong = "token";
+	else if (ca != NULL && blobfield_set_ca(s->client, ca) != BLOBFIELD_OK)
+		wrong = "ca";
+	if (wrong != NULL)
+		command_say(s, "--%s: %s\n", wrong,
+		    blobfield_error(s->client)->detail);
+	return wrong == NULL;
+}
+
 bool command_start(struct session *s, const struct command *self,
     const struct options_rule *rules, int argc, char **argv, int least,
     int most, int *count, int *status)
 {
 	static const struct sigaction once = {.sa_handler = interrupt,
 	    .sa_flags = (int)SA_RESETHAND};
-	const char *url = NULL;
+	const char *url = NULL, *token = NULL, *ca = NULL;
 	double deadline = 0.0;
 	bool help = false;
 	const struct options_rule common[] = {
 		{"url", 0, OPTIONS_TEXT, &url, "URL", "the daemon's address"},
+		{"token", 0, OPTIONS_TEXT, &token, "TOKEN",
+		    "for a daemon that asks for one"},
+		{"ca", 0, OPTIONS_TEXT, &ca, "FILE",
+		    "certificates to trust, instead of the system's"},
 		{"deadline", 0, OPTIONS_NUMBER, &deadline, "SECONDS",
 		    "have the daemon give up after so long"},
 		{"quiet", 'q', OPTIONS_FLAG, &s->quiet, NULL,
@@ -174,6 +211,11 @@ bool command_start(struct session *s, const struct command *self,
 	s->client = blobfield_create(url);
 	if (s->client == NULL) {
 		command_say(s, "libcurl does not start\n");
+		return false;
+	}
+	if (!set_access(s, token, ca)) {
+		blobfield_free(s->client);
+		s->client = NULL;
 		return false;
 	}
 	blobfield_set_deadline(s->client, deadline);

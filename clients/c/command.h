@@ -63,6 +63,9 @@ bool command_start(struct session *s, const struct command *self,
  * sent that; the exit status. */
 int command_fail(struct session *s, bool sent_document);
 
+/* Whether text is what ids are made of; says if not. */
+bool command_is_id(const struct session *s, const char *text);
+
 /* ---- command_file.c ---- */
 
 /* A whole file, "-": stdin. false: said why. The caller frees out. */
@@ -163,6 +166,12 @@ int command_delete(struct session *s, const struct command *self, int argc,
 int command_bounds(struct session *s, const struct command *self, int argc,
     char **argv);
 int command_info(struct session *s, const struct command *self, int argc,
+    char **argv);
+int command_patch(struct session *s, const struct command *self, int argc,
+    char **argv);
+int command_revisions(struct session *s, const struct command *self, int argc,
+    char **argv);
+int command_events(struct session *s, const struct command *self, int argc,
     char **argv);
 int command_watch(struct session *s, const struct command *self, int argc,
     char **argv);

@@ -30,20 +30,38 @@ int command_put(struct session *s, const struct command *self, int argc,
 	return status;
 }
 
+/* revision: NULL: the present one. */
+static enum blobfield_outcome get(struct session *s, const char *id,
+    const char *revision, struct blobfield_bytes *out)
+{
+	char path[2 * BLOBFIELD_ID_MAX + 64];
+
+	snprintf(path, sizeof path, "/v1/scenes/%s%s%s", id,
+	    revision != NULL ? "?revision=" : "",
+	    revision != NULL ? revision : "");
+	return blobfield_request(s->client, "GET", path, NULL, NULL, 0,
+	    "application/json", out);
+}
+
 int command_get(struct session *s, const struct command *self, int argc,
     char **argv)
 {
 	struct blobfield_bytes bytes = {0};
-	const char *path = NULL;
+	const char *path = NULL, *revision = NULL;
 	const struct options_rule rules[] = {
 		{"output", 'o', OPTIONS_TEXT, &path, "FILE", "(stdout)"},
+		{"revision", 0, OPTIONS_TEXT, &revision, "REVISION",
+		    "as it was then"},
 		{0}
 	};
 	int count, status;
 
 	if (!command_start(s, self, rules, argc, argv, 1, 1, &count, &status))
 		return status;
-	if (blobfield_get(s->client, argv[0], &bytes) != BLOBFIELD_OK)
+	if (!command_is_id(s, argv[0]) ||
+	    (revision != NULL && !command_is_id(s, revision)))
+		return COMMAND_USAGE;
+	if (get(s, argv[0], revision, &bytes) != BLOBFIELD_OK)
 		return command_fail(s, false);
 	if (!command_write(s, path, bytes.data, bytes.size))
 		status = COMMAND_FILE;

@@ -11,6 +11,20 @@ static bool is_file(const char *argument)
 	    command_has_extension(argument, ".json");
 }
 
+bool command_is_id(const struct session *s, const char *text)
+{
+	static const char letters[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+	    "abcdefghijklmnopqrstuvwxyz0123456789_.-";
+	const size_t length = strlen(text);
+
+	if (length > 0 && length < BLOBFIELD_ID_MAX &&
+	    strspn(text, letters) == length && strcmp(text, ".") != 0 &&
+	    strcmp(text, "..") != 0)
+		return true;
+	command_say(s, "'%s' is none: 1 to 64 of A-Z a-z 0-9 _ . -\n", text);
+	return false;
+}
+
 int command_open_scene(struct session *s, const char *argument)
 {
 	if (!is_file(argument)) {

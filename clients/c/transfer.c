@@ -21,8 +21,10 @@ struct work {
 	char stage[32];
 	double done;
 	char token[TRANSFER_TOKEN_MAX];
+	struct curl_slist *lines;      /* of headers, of the questions; or NULL */
 	bool is_asking;                /* side is in multi */
 	double asked;                  /* when */
+	double heard;                  /* when the last byte came */
 };
 
 static double now(void)
@@ -64,6 +66,8 @@ static enum blobfield_outcome place(struct work *w, const char *data, size_t n)
 	long status = 0;
 
 	curl_easy_getinfo(t->main, CURLINFO_RESPONSE_CODE, &status);
+	if (status < 400 && r->take != NULL)
+		return r->take(r->ctx, data, n);
 	if (status >= 400 || (r->into == NULL && r->file == NULL))
 		return append(&t->bytes, data, n) ? BLOBFIELD_OK :
 		    BLOBFIELD_MEMORY;
@@ -83,6 +87,7 @@ static size_t take(char *data, size_t size, size_t count, void *ctx)
 {
 	struct work *w = ctx;
 
+	w->heard = now();
 	w->failed = place(w, data, size * count);
 	return w->failed == BLOBFIELD_OK ? size * count : 0;
 }
@@ -119,10 +124,34 @@ bool transfer_init(struct transfer *t, const char *url)
 	t->main = curl_easy_init();
 	t->side = curl_easy_init();
 	if (t->multi != NULL && t->main != NULL && t->side != NULL &&
-	    set_up(t->main) && set_up(t->side))
+	    set_up(t->main) && set_up(t->side)) {
+		curl_easy_getinfo(t->main, CURLINFO_CAINFO, &t->ca_file);
+		curl_easy_getinfo(t->main, CURLINFO_CAPATH, &t->ca_folder);
 		return true;
+	}
 	transfer_fini(t);
 	return false;
+}
+
+enum blobfield_outcome transfer_set_ca(struct transfer *t, const char *path)
+{
+	CURL *const both[] = {t->main, t->side};
+
+	for (int i = 0; i < 2; i++) {
+		const char *folder = NULL, *file = path;
+
+		if (path == NULL) {
+			/* What libcurl has found out when it was built. */
+			file = t->ca_file;
+			folder = t->ca_folder;
+		}
+		if (curl_easy_setopt(both[i], CURLOPT_CAINFO, file) !=
+		    CURLE_OK)
+			return BLOBFIELD_MEMORY;
+		/* Not every TLS library knows folders. */
+		curl_easy_setopt(both[i], CURLOPT_CAPATH, folder);
+	}
+	return BLOBFIELD_OK;
 }
 
 void transfer_fini(struct transfer *t)
@@ -169,22 +198,29 @@ static char *make_url(struct work *w)
 }
 
 /* NULL: out of memory. */
-static struct curl_slist *add_line(struct curl_slist *list, const char *name,
-    const char *value)
+static struct curl_slist *add(struct curl_slist *list, const char *line)
 {
-	char line[160];
 	struct curl_slist *longer;
 
 	if (list == NULL)
 		return NULL;
-	snprintf(line, sizeof line, "%s: %s", name, value);
 	longer = curl_slist_append(list, line);
 	if (longer == NULL)
 		curl_slist_free_all(list);
 	return longer;
 }
 
-static struct curl_slist *make_lines(const struct transfer_request *r)
+static struct curl_slist *add_line(struct curl_slist *list, const char *name,
+    const char *value)
+{
+	char line[320];
+
+	snprintf(line, sizeof line, "%s: %s", name, value);
+	return add(list, line);
+}
+
+static struct curl_slist *make_lines(const struct transfer *t,
+    const struct transfer_request *r)
 {
 	/* libcurl would wait a second for 100 Continue. */
 	struct curl_slist *list = curl_slist_append(NULL, "Expect:");
@@ -192,6 +228,10 @@ static struct curl_slist *make_lines(const struct transfer_request *r)
 	list = add_line(list, "Accept", r->accept != NULL ? r->accept : "*/*");
 	if (r->type != NULL)
 		list = add_line(list, "Content-Type", r->type);
+	if (r->line != NULL)
+		list = add(list, r->line);
+	if (t->authorization[0] != '\0')
+		list = add_line(list, "Authorization", t->authorization);
 	return list;
 }
 
@@ -235,6 +275,7 @@ static void ask(struct work *w)
 	snprintf(url, sizeof url, "%s/v1/progress/%s", t->url, w->token);
 	blobfield_bytes_fini(&w->told);
 	curl_easy_setopt(t->side, CURLOPT_URL, url);
+	curl_easy_setopt(t->side, CURLOPT_HTTPHEADER, w->lines);
 	curl_easy_setopt(t->side, CURLOPT_WRITEFUNCTION, take_told);
 	curl_easy_setopt(t->side, CURLOPT_WRITEDATA, w);
 	w->is_asking = curl_multi_add_handle(t->multi, t->side) == CURLM_OK;
@@ -276,6 +317,12 @@ static bool is_given_up(struct work *w)
 	return atomic_load(&t->cancelled);
 }
 
+static bool is_silent(const struct work *w)
+{
+	return w->request->silence > 0.0 &&
+	    now() - w->heard > w->request->silence;
+}
+
 /* Both transfers, until the main one is over or given up. */
 static enum blobfield_outcome drive(struct work *w, CURLcode *result)
 {
@@ -287,6 +334,11 @@ static enum blobfield_outcome drive(struct work *w, CURLcode *result)
 			return BLOBFIELD_OK;
 		if (is_given_up(w))
 			return BLOBFIELD_CANCELLED;
+		if (is_silent(w)) {
+			snprintf(t->reason, sizeof t->reason, "nothing comes "
+			    "any more");
+			return BLOBFIELD_UNREACHABLE;
+		}
 		ask(w);
 		if (curl_multi_poll(t->multi, NULL, 0, LOOK_MS, NULL) !=
 		    CURLM_OK)
@@ -334,8 +386,9 @@ static enum blobfield_outcome run(struct work *w)
 enum blobfield_outcome transfer_do(struct transfer *t,
     const struct transfer_request *request)
 {
-	struct work w = {.t = t, .request = request, .asked = now()};
-	struct curl_slist *lines = make_lines(request);
+	struct work w = {.t = t, .request = request, .asked = now(),
+	    .heard = now()};
+	struct curl_slist *lines = make_lines(t, request);
 	enum blobfield_outcome outcome = BLOBFIELD_MEMORY;
 	char *url;
 
@@ -346,6 +399,9 @@ enum blobfield_outcome transfer_do(struct transfer *t,
 	if (request->is_long && t->progress != NULL)
 		make_token(w.token);
 	url = make_url(&w);
+	w.lines = t->authorization[0] != '\0' ? add_line(
+	    curl_slist_append(NULL, "Accept: application/json"),
+	    "Authorization", t->authorization) : NULL;
 	if (url != NULL && lines != NULL) {
 		set_body(t->main, request);
 		curl_easy_setopt(t->main, CURLOPT_URL, url);
@@ -357,8 +413,25 @@ enum blobfield_outcome transfer_do(struct transfer *t,
 		curl_easy_setopt(t->main, CURLOPT_HTTPHEADER, NULL);
 	}
 	atomic_store(&t->cancelled, false);
+	curl_easy_setopt(t->side, CURLOPT_HTTPHEADER, NULL);
+	curl_slist_free_all(w.lines);
 	curl_slist_free_all(lines);
 	blobfield_bytes_fini(&w.told);
 	free(url);
 	return outcome;
+}
+
+enum blobfield_outcome transfer_wait(struct transfer *t, double seconds)
+{
+	const double until = now() + seconds;
+
+	while (now() < until) {
+		if ((t->progress != NULL && t->progress(t->ctx, "", 0.0) != 0)
+		    || atomic_load(&t->cancelled)) {
+			atomic_store(&t->cancelled, false);
+			return BLOBFIELD_CANCELLED;
+		}
+		curl_multi_poll(t->multi, NULL, 0, LOOK_MS, NULL);
+	}
+	return BLOBFIELD_OK;
 }

@@ -1,7 +1,8 @@
 #!/bin/sh
 # Calls each endpoint once and shows the first of what it answers:
 #   clients/curl/every-endpoint.sh
-# BLOBFIELD_URL is the daemon's address, http://127.0.0.1:7878 unless set. Leaves no
+# BLOBFIELD_URL is the daemon's address, http://127.0.0.1:7878 unless set.
+# BLOBFIELD_TOKEN, if set, is the token it asks for, of the role admin. Leaves no
 # scene behind. The exit status is 0 only if every status was the expected one.
 set -u
 
@@ -13,6 +14,13 @@ id="every-endpoint-$$"
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 failed=0
+
+# In a file, where others do not see it among the processes.
+[ -z "${BLOBFIELD_TOKEN:-}" ] ||
+	echo "Authorization: Bearer $BLOBFIELD_TOKEN" >"$work/token"
+curl() {
+	command curl ${BLOBFIELD_TOKEN:+-H "@$work/token"} "$@"
+}
 
 # call STATUS METHOD PATH [curl arguments]: one request, which must answer STATUS.
 call() {
@@ -53,6 +61,24 @@ progress() {
 	wait "$made" || failed=1
 }
 
+# The scene's events, until it is deleted.
+listen() {
+	curl -sN --noproxy '*' -o "$work/events" -w '%{http_code}' \
+		"$url/v1/scenes/$id/events" >"$work/status" &
+	listener=$!
+	while kill -0 "$listener" 2>/dev/null &&
+		! grep -qs '^event: revision' "$work/events"; do
+		sleep 0.1
+	done
+}
+
+heard() {
+	wait "$listener" || failed=1
+	echo "GET /v1/scenes/$id/events -> $(cat "$work/status")"
+	cat "$work/events"
+	grep -q '^event: deleted' "$work/events" || failed=1
+}
+
 printf '{"scene": %s, "points": [[0,0,2.6], [0,0,1.4]]}' \
 	"$(cat "$here/letter-a.json")" >"$work/eval.json"
 # Two points as raw float32: (0,0,0) and (0,0,2).
@@ -79,7 +105,9 @@ call 200 GET /web/app.js
 call 200 GET /openapi.json
 call 200 GET /healthz
 call 200 GET /readyz
+call 200 GET /metrics
 call 200 GET /v1/info
+call 200 GET /v1/tokens
 call 200 GET /v1/operators
 call 200 GET /v1/operators/camel
 call 200 POST /v1/operators -H "$json" \
@@ -92,6 +120,13 @@ call 200 GET "/v1/scenes/$id"
 call 304 GET "/v1/scenes/$id" -H "If-None-Match: $tag"
 call 200 PUT "/v1/scenes/$id" -H "$json" -H "If-Match: $tag" \
 	--data-binary "@$here/letter-a.json"
+call 200 PATCH "/v1/scenes/$id" -H "If-Match: $tag" \
+	-H 'Content-Type: application/json-patch+json' \
+	-d '[{"op": "add", "path": "/name", "value": "a new name"}]'
+call 200 PATCH "/v1/scenes/$id" \
+	-H 'Content-Type: application/merge-patch+json' -d '{"name": null}'
+call 200 GET "/v1/scenes/$id/revisions?limit=2"
+call 200 GET "/v1/scenes/$id?revision=$(echo "$tag" | tr -d '"')"
 call 200 POST "/v1/scenes/$id/eval" -H "$json" \
 	-d '{"points": [0,0,2.6], "outputs": ["value", "gradient", "hessian"]}'
 call 200 POST "/v1/scenes/$id/eval?outputs=value&deadline=60" -H "$octets" \
@@ -117,7 +152,9 @@ for format in glb ply stl obj json; do
 		-d '{"resolution": 24}'
 done
 progress
+listen
 call 204 DELETE "/v1/scenes/$id"
+heard
 call 201 POST "/v1/volumes?min=0,0,0&max=3,3,3&kind=field" \
 	-H 'Content-Type: application/x-npy' --data-binary "@$work/grid.npy"
 volume=$(header Location)

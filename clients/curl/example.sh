@@ -2,7 +2,8 @@
 # Evaluates the letter "A" (letter-a.json) at a few points and prints what comes
 # back:
 #   clients/curl/example.sh
-# BLOBFIELD_URL is the daemon's address, http://127.0.0.1:7878 unless set. Waits up to a
+# BLOBFIELD_URL is the daemon's address, http://127.0.0.1:7878 unless set.
+# BLOBFIELD_TOKEN, if set, is the token it asks for. Waits up to a
 # minute for it to get ready. The exit status is 0 only if all went well.
 set -eu
 
@@ -11,6 +12,13 @@ here=$(dirname "$0")
 work=$(mktemp -d)
 answer=$work/answer
 trap 'rm -rf "$work"' EXIT
+
+# In a file, where others do not see it among the processes.
+[ -z "${BLOBFIELD_TOKEN:-}" ] ||
+	echo "Authorization: Bearer $BLOBFIELD_TOKEN" >"$work/token"
+curl() {
+	command curl ${BLOBFIELD_TOKEN:+-H "@$work/token"} "$@"
+}
 
 tries=0
 until curl -sf --noproxy '*' -o /dev/null "$url/readyz"; do

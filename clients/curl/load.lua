@@ -1,5 +1,6 @@
 -- The requests of load.sh, for wrk. In the environment: LOAD (small, json,
--- mixed), SCENE, DOCUMENT (a file), POINTS (a file of raw float32).
+-- mixed), SCENE, DOCUMENT (a file), POINTS (a file of raw float32), and perhaps
+-- BLOBFIELD_TOKEN.
 
 local scene = "/v1/scenes/" .. os.getenv("SCENE")
 local json = { ["Content-Type"] = "application/json" }
@@ -7,6 +8,14 @@ local octets = {
 	["Content-Type"] = "application/octet-stream",
 	["Accept"] = "application/octet-stream",
 }
+local plain = {}
+local token = os.getenv("BLOBFIELD_TOKEN")
+
+if token and token ~= "" then
+	for _, headers in ipairs({ json, octets, plain }) do
+		headers["Authorization"] = "Bearer " .. token
+	end
+end
 
 local function read(path)
 	local file = assert(io.open(path, "rb"))
@@ -39,8 +48,8 @@ local loads = {
 			'{"rays":[[0,-5,2.5,0,1,0],[0.2,-5,0.8,0,1,0]]}' },
 		{ 10, "POST", scene .. "/project", json,
 			'{"points":[[0.5,0.25,1.4]]}' },
-		{ 5, "GET", scene .. "/bounds", {}, nil },
-		{ 5, "GET", scene, {}, nil },
+		{ 5, "GET", scene .. "/bounds", plain, nil },
+		{ 5, "GET", scene, plain, nil },
 		{ 5, "PUT", scene, json, document },
 		{ 2, "POST", scene .. "/slice", json,
 			'{"width":64,"height":64}' },

@@ -7,7 +7,8 @@
 #   json     16 points, JSON both ways
 #   mixed    all that a previewer asks: values, rays, projections, bounds,
 #            slices, pictures, small meshes, and the document put anew
-# BLOBFIELD_URL is the daemon's address, http://127.0.0.1:7878 unless set. Leaves no
+# BLOBFIELD_URL is the daemon's address, http://127.0.0.1:7878 unless set.
+# BLOBFIELD_TOKEN, if set, is the token it asks for. Leaves no
 # scene behind. The exit status is 0 unless something failed; 503 for want of room
 # is counted apart.
 set -eu
@@ -18,6 +19,12 @@ connections=${2:-32}
 here=$(dirname "$0")
 id="load-$$"
 work=$(mktemp -d)
+# In a file, where others do not see it among the processes.
+[ -z "${BLOBFIELD_TOKEN:-}" ] ||
+	echo "Authorization: Bearer $BLOBFIELD_TOKEN" >"$work/token"
+curl() {
+	command curl ${BLOBFIELD_TOKEN:+-H "@$work/token"} "$@"
+}
 finish() {
 	curl -s --noproxy '*' -X DELETE -o /dev/null "$url/v1/scenes/$id" || :
 	rm -rf "$work"
@@ -57,6 +64,7 @@ load mixed
 if command -v hey >/dev/null; then
 	echo "== small, by hey"
 	hey -z "${seconds}s" -c "$connections" -m POST \
+		${BLOBFIELD_TOKEN:+-H "Authorization: Bearer $BLOBFIELD_TOKEN"} \
 		-T application/octet-stream -H 'Accept: application/octet-stream' \
 		-D "$work/points" "$url/v1/scenes/$id/eval" | tee "$work/out"
 	if grep -E '^ +\[[0-9]+\]' "$work/out" | grep -qv '\[200\]'; then

@@ -10,6 +10,8 @@
 
 #include <math.h>
 #include <pthread.h>
+#include <signal.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -17,6 +19,7 @@
 
 #include "clients/c/blobfield.h"
 #include "tests/support/daemon.h"
+#include "tests/support/folder.h"
 #include "tests/support/near.h"
 
 /* f = 1/2 at 1 from the origin. */
@@ -339,7 +342,246 @@ static void test_pictures_are_png(void **state)
 	blobfield_bytes_fini(&bytes);
 }
 
+/* ---- changes ---- */
+
+#define PATCH(b, id, text, if_match, tag) \
+	blobfield_patch((b), (id), (text), strlen(text), (if_match), (tag))
+
+static void assert_holds(struct blobfield *b, const char *id, const char *text)
+{
+	struct blobfield_bytes bytes = {0};
+
+	assert_ok(b, blobfield_get(b, id, &bytes));
+	if (strstr((const char *)bytes.data, text) == NULL)
+		fail_msg("'%s' is not in %s", text, (char *)bytes.data);
+	blobfield_bytes_fini(&bytes);
+}
+
+static void test_patches_of_both_kinds(void **state)
+{
+	struct blobfield *b = client_of(state);
+	char before[BLOBFIELD_TAG_MAX], tag[BLOBFIELD_TAG_MAX];
+
+	assert_ok(b, blobfield_put(b, "x", ball, sizeof ball - 1, before));
+	assert_ok(b, PATCH(b, "x", " \n[{\"op\": \"replace\", \"path\": "
+	    "\"/root/radius\", \"value\": 7}]", before, tag));
+	assert_string_not_equal(tag, before);
+	assert_holds(b, "x", "\"radius\":7");
+	assert_ok(b, PATCH(b, "x", "{\"name\": \"other\"}", NULL, NULL));
+	assert_holds(b, "x", "\"name\":\"other\"");
+	assert_holds(b, "x", "\"radius\":7");
+	assert_int_equal(PATCH(b, "x", "{\"name\": \"third\"}", tag, NULL),
+	    BLOBFIELD_REFUSED);
+	assert_int_equal(blobfield_error(b)->status, 412);
+	assert_int_equal(PATCH(b, "x", "{}", "a\"b", NULL),
+	    BLOBFIELD_ARGUMENT);
+	assert_ok(b, blobfield_delete(b, "x"));
+	assert_int_equal(PATCH(b, "x", "{}", NULL, NULL), BLOBFIELD_REFUSED);
+	assert_int_equal(blobfield_error(b)->status, 404);
+}
+
+static void test_patches_that_are_refused_change_nothing(void **state)
+{
+	struct blobfield *b = client_of(state);
+	const struct blobfield_error *error = blobfield_error(b);
+
+	assert_int_equal(PATCH(b, "ball", "[{\"op\": \"remove\", \"path\": "
+	    "\"/name\"}, {\"op\": \"test\", \"path\": \"/root/radius\", "
+	    "\"value\": 2}]", NULL, NULL), BLOBFIELD_REFUSED);
+	assert_int_equal(error->status, 409);
+	assert_string_equal(error->type, "conflict");
+	assert_string_equal(error->places[0].pointer, "/1/value");
+	assert_int_equal(PATCH(b, "ball", "{\"root\": {\"radius\": -1}}", NULL,
+	    NULL), BLOBFIELD_REFUSED);
+	assert_int_equal(error->status, 422);
+	assert_string_equal(error->places[0].pointer, "/root/radius");
+	assert_memory_equal(error->detail, "The document after the patch", 28);
+	assert_holds(b, "ball", "\"name\": \"ball\"");
+}
+
+/* What a listener has heard; at each event, the next of texts is put, and at
+ * the last the scene is deleted. */
+struct heard {
+	struct blobfield *other;
+	const char *const *texts;
+	int count;
+	struct blobfield_event events[8];
+};
+
+static int hear(void *ctx, const struct blobfield_event *event)
+{
+	struct heard *h = ctx;
+	const char *text;
+
+	assert_true(h->count < 8);
+	h->events[h->count++] = *event;
+	if (event->is_deletion)
+		return 0;
+	text = *h->texts++;
+	if (text == NULL)
+		assert_ok(h->other, blobfield_delete(h->other, "told"));
+	else
+		assert_ok(h->other, PATCH(h->other, "told", text, NULL, NULL));
+	return 0;
+}
+
+static int stop(void *ctx, const struct blobfield_event *event)
+{
+	*(struct blobfield_event *)ctx = *event;
+	return 1;
+}
+
+static void test_events_until_the_scene_is_deleted(void **state)
+{
+	static const char *const texts[] = {"{\"name\": \"1\"}",
+	    "{\"name\": \"2\"}", NULL};
+	struct blobfield *b = client_of(state);
+	struct heard h = {.other = blobfield_create(blobfield_url(b)),
+	    .texts = texts};
+	char tag[BLOBFIELD_TAG_MAX];
+
+	assert_ok(b, blobfield_put(b, "told", ball, sizeof ball - 1, tag));
+	assert_ok(b, blobfield_events(b, "told", NULL, hear, &h));
+	assert_int_equal(h.count, 4);
+	assert_string_equal(h.events[0].revision, tag);
+	assert_int_equal(h.events[0].nodes, 1);
+	assert_int_equal(h.events[0].bytes, sizeof ball - 1);
+	assert_int_equal(strlen(h.events[0].time), 24);
+	for (int i = 0; i < 4; i++) {
+		assert_false(h.events[i].has_missed);
+		assert_int_equal(h.events[i].is_deletion, i == 3);
+		assert_true(i == 0 || strtol(h.events[i].sequence, NULL, 10) >
+		    strtol(h.events[i - 1].sequence, NULL, 10));
+	}
+	assert_string_equal(h.events[3].revision, "");
+	assert_int_equal(blobfield_events(b, "told", NULL, hear, &h),
+	    BLOBFIELD_REFUSED);
+	assert_int_equal(blobfield_error(b)->status, 404);
+	blobfield_free(h.other);
+}
+
+static void test_events_behind_one(void **state)
+{
+	struct blobfield *b = client_of(state);
+	struct blobfield_event first, next;
+	char tag[BLOBFIELD_TAG_MAX];
+
+	assert_ok(b, blobfield_put(b, "told", ball, sizeof ball - 1, NULL));
+	assert_ok(b, blobfield_events(b, "told", NULL, stop, &first));
+	assert_ok(b, PATCH(b, "told", "{\"name\": \"1\"}", NULL, tag));
+	assert_ok(b, PATCH(b, "told", "{\"name\": \"2\"}", NULL, NULL));
+	assert_ok(b, blobfield_events(b, "told", first.sequence, stop, &next));
+	assert_string_equal(next.revision, tag);
+	assert_int_equal(blobfield_events(b, "told", "a b", stop, &next),
+	    BLOBFIELD_ARGUMENT);
+	assert_ok(b, blobfield_delete(b, "told"));
+}
+
+static void *cancel_events(void *ctx)
+{
+	usleep(300000);
+	blobfield_cancel(ctx);
+	return NULL;
+}
+
+static int note(void *ctx, const struct blobfield_event *event)
+{
+	(void)event;
+	++*(int *)ctx;
+	return 0;
+}
+
+static void test_events_are_cancelled(void **state)
+{
+	struct blobfield *b = client_of(state);
+	pthread_t thread;
+	int count = 0;
+
+	assert_int_equal(pthread_create(&thread, NULL, cancel_events, b), 0);
+	assert_int_equal(blobfield_events(b, "ball", NULL, note, &count),
+	    BLOBFIELD_CANCELLED);
+	pthread_join(thread, NULL);
+	assert_int_equal(count, 1);
+	assert_holds(b, "ball", "ball");
+}
+
+/* Listens while the daemon ends and comes again: in a thread of its own, as
+ * daemons end with the thread that has started them. */
+struct listener {
+	struct blobfield *client;
+	struct blobfield_event events[2];
+	atomic_int count;
+	enum blobfield_outcome outcome;
+};
+
+static int hear_two(void *ctx, const struct blobfield_event *event)
+{
+	struct listener *l = ctx;
+
+	l->events[l->count] = *event;
+	return atomic_fetch_add(&l->count, 1) == 1;
+}
+
+static void *listen_for_two(void *ctx)
+{
+	struct listener *l = ctx;
+
+	l->outcome = blobfield_events(l->client, "kept", NULL, hear_two, l);
+	return NULL;
+}
+
+static void test_events_go_on_after_a_restart(void **state)
+{
+	char folder[PATH_MAX], address[64], tag[BLOBFIELD_TAG_MAX];
+	const char *arguments[] = {"--no-measure", "--data", folder, "--cache",
+	    folder, NULL, NULL, NULL};
+	struct daemon d;
+	struct listener l = {0};
+	struct blobfield *b;
+	pthread_t thread;
+
+	(void)state;
+	folder_make(folder);
+	daemon_start(&d, arguments);
+	daemon_await_ready(&d);
+	snprintf(address, sizeof address, "127.0.0.1:%d", d.port);
+	arguments[5] = "--listen";
+	arguments[6] = address;
+	b = blobfield_create(d.url);
+	l.client = blobfield_create(d.url);
+	assert_ok(b, blobfield_put(b, "kept", ball, sizeof ball - 1, NULL));
+	assert_int_equal(pthread_create(&thread, NULL, listen_for_two, &l), 0);
+	while (l.count == 0)
+		usleep(10000);
+	assert_int_equal(daemon_stop(&d, SIGKILL), -1);
+	daemon_start(&d, arguments);
+	daemon_await_ready(&d);
+	assert_ok(b, PATCH(b, "kept", "{\"name\": \"after\"}", NULL, tag));
+	pthread_join(thread, NULL);
+	assert_ok(l.client, l.outcome);
+	assert_string_equal(l.events[1].revision, tag);
+	assert_false(l.events[1].has_missed);
+	assert_int_equal(daemon_stop(&d, SIGTERM), 0);
+	assert_int_equal(blobfield_events(b, "kept", NULL, stop, l.events),
+	    BLOBFIELD_UNREACHABLE);
+	blobfield_free(l.client);
+	blobfield_free(b);
+	folder_remove(folder);
+}
+
 /* ---- what goes wrong ---- */
+
+static void test_certificates_that_cannot_be_read(void **state)
+{
+	struct blobfield *b = client_of(state);
+
+	assert_int_equal(blobfield_set_ca(b, "/nowhere/ca.pem"),
+	    BLOBFIELD_ARGUMENT);
+	assert_string_equal(blobfield_error(b)->detail,
+	    "'/nowhere/ca.pem' cannot be read");
+	assert_ok(b, blobfield_set_ca(b, NULL));
+	assert_holds(b, "ball", "ball");
+}
 
 static void test_no_daemon_is_unreachable(void **state)
 {
@@ -470,6 +712,13 @@ int main(void)
 		cmocka_unit_test(test_mesh_to_memory_and_file),
 		cmocka_unit_test(test_mesh_file_is_left_alone_by_failure),
 		cmocka_unit_test(test_pictures_are_png),
+		cmocka_unit_test(test_patches_of_both_kinds),
+		cmocka_unit_test(test_patches_that_are_refused_change_nothing),
+		cmocka_unit_test(test_events_until_the_scene_is_deleted),
+		cmocka_unit_test(test_events_behind_one),
+		cmocka_unit_test(test_events_are_cancelled),
+		cmocka_unit_test(test_events_go_on_after_a_restart),
+		cmocka_unit_test(test_certificates_that_cannot_be_read),
 		cmocka_unit_test(test_no_daemon_is_unreachable),
 		cmocka_unit_test(test_progress_may_give_up),
 		cmocka_unit_test(test_cancel_from_another_thread),

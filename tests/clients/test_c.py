@@ -69,7 +69,7 @@ def same(value, expected):
 def test_help_of_each_command():
     listed = run("--help")[0]
     names = re.findall(r"^  ([a-z]+) ", listed, re.M)
-    assert len(names) == 13, names
+    assert len(names) == 16, names
     for name in names:
         text = run(name, "--help")[0]
         assert text.startswith("blobfield %s - " % name), text
@@ -285,6 +285,137 @@ def test_watch_follows_the_file():
     run("delete", "ball-2")
 
 
+def test_token():
+    lines = [subprocess.run(
+        [DAEMON, "--make-token", name], stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL, text=True, check=True).stdout.splitlines()
+        for name in ("w:write", "r:read")]
+    tokens = path("tokens", json.dumps(
+        {"tokens": [json.loads(entry) for _, entry in lines]}))
+    os.chmod(tokens, 0o600)
+    daemon, url = start("--tokens", tokens)
+    path("ball.json", BALL)
+    try:
+        _, error = run("info", "--url", url, status=1)
+        same(error, "asks for a token")
+        _, error = run("info", "--url", url, "--token", "bf_no", status=1)
+        same(error, "not known")
+        _, error = run("info", "--url", url, "--token", "a b", status=2)
+        same(error, "--token: a token is one word")
+        same(run("info", "--url", url, "--token", lines[1][0])[0], "blobfield")
+        _, error = run("put", "ball", "ball.json", "--url", url, "--token",
+                       lines[1][0], status=1)
+        same(error, "this needs 'write'")
+        os.environ["BLOBFIELD_TOKEN"] = lines[0][0]
+        # --progress asks by a second connection, with the token, too.
+        run("mesh", "ball.json", "--url", url, "-r", "96", "--progress", "-o",
+            "t.ply")
+        equal(os.path.exists(path("t.ply")), True)
+        _, error = run("info", "--url", url, "--token", "", status=1)
+        same(error, "asks for a token")
+    finally:
+        os.environ.pop("BLOBFIELD_TOKEN", None)
+        daemon.send_signal(signal.SIGTERM)
+        equal(daemon.wait(120), 0)
+
+
+def test_patch():
+    path("ball.json", BALL)
+    first = run("put", "p", "ball.json")[0].strip()
+    path("patch.json", """[
+ {"op": "test", "path": "/root/radius", "value": 1},
+ {"op": "replace", "path": "/root/radius", "value": 3}]""")
+    second = run("patch", "p", "patch.json", "--if-match", first)[0].strip()
+    assert second not in ("", first), second
+    equal(json.loads(run("get", "p")[0])["root"]["radius"], 3)
+    # A merge patch, from stdin.
+    run("patch", "p", text='{"name": "other"}')
+    same(run("list")[0], "other")
+    # Wrong at a place of the patch, of the document after it; and too late.
+    err = run("patch", "p", "patch.json", status=1)[1]
+    same(err, "patch.json:2:41: /0/value: the test failed")
+    err = run("patch", "p", text='{"root": {"radius": -1}}', status=1)[1]
+    same(err, "after the patch")
+    same(err, "blobfield patch: /root/radius: ")
+    same(run("patch", "p", "-", "--if-match", first, text="{}", status=1)[1],
+         "blobfield patch: ")
+    same(run("patch", "nowhere", text="{}", status=1)[1], "no scene 'nowhere'")
+    run("patch", "a/b", text="{}", status=2)
+    # What there has been.
+    lines = [line.split() for line in run("revisions", "p")[0].splitlines()]
+    equal(len(lines), 3)
+    equal([line[2] for line in lines[1:]], [second, first])
+    equal(run("get", "p", "--revision", first)[0], BALL)
+    same(run("get", "p", "--revision", "0" * 32, status=1)[1], "Not found")
+    run("get", "p", "--revision", "a/b", status=2)
+    run("delete", "p")
+    same(run("revisions", "p", status=1)[1], "no scene 'p'")
+    run("revisions", "a/b", status=2)
+
+
+def test_events():
+    path("ball.json", BALL)
+    run("put", "e", "ball.json")
+    log = path("events")
+    with open(log, "w") as out:
+        child = subprocess.Popen([COMMAND, "events", "e"], cwd=folder,
+                                 stdout=out)
+    try:
+        first = run("revisions", "e")[0].strip()
+        await_text(log, first)
+        tag = run("patch", "e", text='{"name": "told"}')[0].strip()
+        await_text(log, tag)
+        run("delete", "e")
+        equal(child.wait(20), 0)
+    finally:
+        child.kill()
+        child.wait()
+    lines = open(log).read().splitlines()
+    equal(len(lines), 3)
+    equal(lines[2].split()[2:], ["deleted", "0", "0"])
+    same(run("events", "e", status=1)[1], "no scene 'e'")
+    run("put", "e", "ball.json")
+    run("patch", "e", text='{"name": "told"}')
+    since = run("revisions", "e")[0].splitlines()
+    out = run("events", "e", "-n", "1", "--last", since[1].split()[0])[0]
+    equal(out.strip(), since[0].strip())
+    child = subprocess.Popen([COMMAND, "events", "e"], cwd=folder,
+                             stdout=subprocess.PIPE)
+    child.stdout.readline()
+    child.send_signal(signal.SIGINT)
+    equal(child.wait(20), 130)
+    child.stdout.close()
+    run("delete", "e")
+
+
+def test_certificates():
+    if not shutil.which("openssl"):
+        return
+    subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt",
+                    "ec_paramgen_curve:P-256", "-nodes", "-keyout", "key",
+                    "-out", "cert", "-days", "2", "-subj", "/CN=blobfield",
+                    "-addext", "subjectAltName=IP:127.0.0.1"], check=True,
+                   capture_output=True, cwd=folder)
+    daemon, url = start("--tls-cert", path("cert"), "--tls-key", path("key"))
+    path("ball.json", BALL)
+    try:
+        same(url, "https://127.0.0.1:")
+        same(run("info", "--url", url, status=3)[1], "certificate")
+        same(run("info", "--url", url, "--ca", "nowhere", status=2)[1],
+             "--ca: 'nowhere' cannot be read")
+        run("put", "t", "ball.json", "--url", url, "--ca", "cert")
+        os.environ["BLOBFIELD_CA"] = "nowhere"
+        same(run("info", "--url", url, status=3)[1], "nowhere")
+        os.environ["BLOBFIELD_CA"] = "cert"
+        run("mesh", "t", "--url", url, "-r", "96", "--progress", "-o", "t.ply")
+        same(run("events", "t", "--url", url, "-n", "1")[0],
+             run("revisions", "t", "--url", url)[0].strip())
+    finally:
+        os.environ.pop("BLOBFIELD_CA", None)
+        daemon.send_signal(signal.SIGTERM)
+        equal(daemon.wait(120), 0)
+
+
 def test_watch_once():
     path("once.json", BALL)
     err = run("watch", "--once", "once.json", "--id", "o")[1]
@@ -328,6 +459,9 @@ def test_no_leaks():
     path("bad.json", BAD)
     for status, arguments in ((0, ["eval", LETTER, "-p", "0,0,0"]),
                               (1, ["put", "bad", "bad.json"]),
+                              (1, ["patch", "nowhere", "bad.json"]),
+                              (1, ["revisions", "nowhere"]),
+                              (1, ["events", "nowhere"]),
                               (0, ["mesh", LETTER, "-r", "8", "-o", "v.ply"]),
                               (4, ["eval", LETTER, "nowhere.csv"])):
         # curl's and OpenSSL's own are still reachable.
@@ -339,14 +473,15 @@ def test_no_leaks():
 
 # --- running them ---
 
-def start():
+def start(*flags):
     """The daemon and its URL, once it is ready."""
     daemon = subprocess.Popen([DAEMON, "--listen", "127.0.0.1:0", "--quiet",
-                               "--no-measure", "--no-cache"],
+                               "--no-measure", "--no-cache", "--data",
+                               ":memory:", *flags],
                               stdout=subprocess.PIPE, text=True)
     url = daemon.stdout.readline().split()[-1]
     for _ in range(6000):
-        if subprocess.run(["curl", "-sf", "--noproxy", "*", "-o", "/dev/null",
+        if subprocess.run(["curl", "-skf", "--noproxy", "*", "-o", "/dev/null",
                            url + "/readyz"]).returncode == 0:
             return daemon, url
         time.sleep(0.05)

@@ -6,7 +6,7 @@ set -u
 
 daemon=${BLOBFIELDD:-build/blobfieldd}
 work=$(mktemp -d)
-"$daemon" --listen 127.0.0.1:0 --quiet --no-measure --no-cache >"$work/first" &
+"$daemon" --listen 127.0.0.1:0 --quiet --no-measure --no-cache --data :memory: >"$work/first" &
 pid=$!
 trap 'kill "$pid" 2>/dev/null; rm -rf "$work"' EXIT
 failed=0

@@ -5,6 +5,7 @@ BLOBFIELDD is the daemon, build/blobfieldd unless set. Prints its cases as
 cmocka does. Names given as arguments choose among them.
 """
 import contextlib
+import datetime
 import http.server
 import io
 import json
@@ -44,9 +45,11 @@ LETTER = document(union(
 
 
 class Daemon:
-    def __init__(self):
+    def __init__(self, *flags):
+        self.flags = flags
         self.process = subprocess.Popen(
-            [DAEMON, "--listen", "127.0.0.1:0", "--no-cache"],
+            [DAEMON, "--listen", "127.0.0.1:0", "--no-cache", "--data",
+             ":memory:", *flags],
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
         self.url = self.process.stdout.readline().split()[-1]
 
@@ -54,6 +57,14 @@ class Daemon:
         self.process.terminate()
         status = self.process.wait(30)
         assert status == 0, f"the daemon ended with {status}"
+
+    def kill(self):
+        self.process.kill()
+        self.process.wait(30)
+
+    def again(self):
+        """Another where this one was, which has ended."""
+        return Daemon(*self.flags, "--listen", self.url.split("//")[1])
 
 
 @contextlib.contextmanager
@@ -65,7 +76,7 @@ def server(answer):
         def handle_one(self):
             answer(self)
 
-        do_GET = do_POST = do_PUT = handle_one
+        do_GET = do_HEAD = do_POST = do_PUT = handle_one
 
         def log_message(self, *_):
             pass
@@ -355,6 +366,194 @@ def test_scene_watch():
     threading.Timer(0.2, stop.cancel).start()
     with raises(blobfield.Cancelled):
         list(s.watch(interval=5, cancel=stop))
+
+
+def test_scene_watch_by_asking():
+    # A server that knows of no events: 404, as an older daemon.
+    revisions = iter(["a", "a", "b", "b"])
+
+    def answer(h):
+        if h.path.endswith("/events"):
+            return h.say(404)
+        r = next(revisions, None)
+        return h.say(404) if r is None else h.say(200, b"", ETag=f'"{r}"')
+    with server(answer) as url:
+        with blobfield.Client(url) as c:
+            assert list(c.scene("x").watch(interval=0.01)) == ["a", "b"]
+            with raises(blobfield.NotFound):
+                list(c.scene("x").events())
+
+
+def test_scene_patch():
+    s = scene(LETTER)
+    before = s.revision
+    at = "/root/children/0/radius"
+    assert s.patch([{"op": "test", "path": at, "value": 0.25},
+                    {"op": "replace", "path": at, "value": 0.5}]) is s
+    now = s.revision
+    assert now != before
+    assert s.document()["root"]["children"][0]["radius"] == 0.5
+    s.patch({"name": "U", "root": {"operator": None}})
+    d = s.document()
+    assert d["name"] == "U" and "operator" not in d["root"]
+    last = s.revision
+    with raises(blobfield.PreconditionFailed):
+        s.patch({"name": "V"}, if_match=now)
+    with raises(blobfield.Conflict, "(409)") as got:
+        s.patch([{"op": "add", "path": "/name", "value": "W"},
+                 {"op": "test", "path": at, "value": 7}])
+    assert got[0].errors[0].pointer == "/1/value"
+    with raises(blobfield.InvalidContent) as got:
+        s.patch([{"op": "remove", "path": "/root/children/9"}])
+    assert got[0].errors[0].pointer == "/0/path"
+    with raises(blobfield.InvalidContent, "after the patch") as got:
+        s.patch({"root": {"children": [point([0, 0, 0], -1)]}})
+    assert got[0].errors[0].pointer == "/root/children/0/radius"
+    assert client.scene("test").document() == d and s.revision == last
+    s.patch({"name": "W"}, if_match=last)
+    with raises(blobfield.NotFound):
+        client.scene("nowhere").patch({"name": "x"})
+
+
+def test_scene_patches_of_many_threads_are_all_kept():
+    s = scene(document(union(BALL)))
+
+    def add(k):
+        client.scene("test").patch([{
+            "op": "add", "path": "/root/children/-",
+            "value": point([k, 0, 0], 1)}])
+    threads = [threading.Thread(target=add, args=(k,)) for k in range(1, 13)]
+    for t in threads:
+        t.start()
+    for t in threads:
+        t.join()
+    found = [c["center"][0] for c in s.document()["root"]["children"]]
+    assert sorted(found) == list(range(13)), found
+
+
+def test_scene_revisions():
+    s = client.scene("history", BALL)
+    first = s.revision
+    for r in range(2, 7):
+        s.put(point([0, 0, 0], r))
+    kept = list(s.revisions())
+    assert len(kept) == 6 and kept[0].revision == s.revision
+    assert kept[-1].revision == first
+    assert [k.sequence for k in kept] == sorted(
+        (k.sequence for k in kept), key=int, reverse=True)
+    assert kept[0].nodes == 1 and kept[0].bytes == len(s.text())
+    age = datetime.datetime.now(datetime.timezone.utc) - kept[0].time
+    assert datetime.timedelta(0) < age < datetime.timedelta(minutes=1)
+    assert json.loads(s.at(first))["root"]["radius"] == 1
+    assert s.revision == kept[0].revision
+    summary = next(t for t in client.scenes() if t.id == "history")
+    assert (summary.sequence, summary.time) == \
+        (kept[0].sequence, kept[0].time)
+    with raises(blobfield.NotFound):
+        s.at("0" * 32)
+    s.delete()
+    with raises(blobfield.NotFound):
+        list(s.revisions())
+
+
+def test_scene_events():
+    s = client.scene("told", BALL)
+    events = s.events()
+    first = next(events)
+    assert (first.id, first.revision) == ("told", s.revision)
+    assert first.nodes == 1 and not first.missed and not first.deleted
+    other = client.scene("told", point([0, 0, 0], 2))
+    second = next(events)
+    assert second.revision == other.revision == s.revision
+    assert int(second.sequence) > int(first.sequence)
+    assert second.time >= first.time
+    # What has been since, of those that are kept.
+    since = list(s.events(first, timeout=0.3))
+    assert [e.revision for e in since] == [second.revision]
+    assert list(s.events(second.sequence, timeout=0.3)) == []
+    other.delete()
+    last = next(events)
+    assert last.deleted and last.revision is None and s.revision is None
+    assert next(events, None) is None
+    with raises(blobfield.NotFound):
+        next(s.events())
+
+
+def test_scene_events_are_cancelled_or_left():
+    s = client.scene("told", BALL)
+    stop = blobfield.Cancellation()
+    threading.Timer(0.3, stop.cancel).start()
+    began = time.monotonic()
+    with raises(blobfield.Cancelled):
+        list(s.events(cancel=stop))
+    assert time.monotonic() - began < 5
+    for _ in s.events():
+        break
+    s.delete()
+
+
+def test_scene_events_go_on_behind_a_broken_connection():
+    asked = []
+    text = ('id: %d\nevent: revision\ndata: {"id": "x", "sequence": "%d",\n'
+            'data: "revision": "r%d", "time": "2026-11-22T13:35:32.123Z", '
+            '"nodes": 1, "bytes": 9}\n\n')
+
+    def answer(h):
+        n = len(asked)
+        asked.append((time.monotonic(), h.headers.get("Last-Event-ID")))
+        if n == 1:
+            return h.say(503, Retry_After="0.3")
+        if n == 3:
+            return h.say(404)
+        h.send_response(200)
+        h.send_header("Content-Type", "text/event-stream")
+        h.send_header("Connection", "close")
+        h.end_headers()
+        # The last one is cut off: without its empty line it is none.
+        h.wfile.write((f"retry: 100\n\n: alive\n\n{text % (n, n, n)}"
+                       "id: 99\ndata: {").encode())
+        h.close_connection = True
+    with server(answer) as url:
+        with blobfield.Client(url) as c:
+            got = list(c.scene("x").events())
+    assert [e.revision for e in got] == ["r0", "r2"], got
+    assert got[0].time.microsecond == 123000
+    assert [a[1] for a in asked] == [None, "0", "0", "2"]
+    pauses = np.diff([a[0] for a in asked])
+    assert 0.1 <= pauses[0] < 2 and 0.3 <= pauses[1] < 2, pauses
+
+
+def test_scene_events_go_on_after_a_restart():
+    folder = tempfile.mkdtemp(prefix="blobfield-")
+    d = Daemon("--no-measure", "--data", folder, "--cache",
+               os.path.join(folder, "cache"))
+    try:
+        with blobfield.Client(d.url) as c, blobfield.Client(d.url) as c2:
+            s = c.wait_until_ready().scene("kept", BALL)
+            s.put(point([0, 0, 0], 2))
+            events = s.events()
+            before = next(events)
+            d.kill()
+            d = d.again()
+            c2.wait_until_ready()
+            # Made while nobody listens: within the 2 s before the next
+            # connection.
+            other = c2.scene("kept", point([0, 0, 0], 3))
+            after = next(events)
+            assert after.revision == other.revision and not after.missed
+            assert int(after.sequence) > int(before.sequence)
+            kept = list(other.revisions())
+            assert [k.revision for k in kept[:2]] == \
+                [after.revision, before.revision] and len(kept) == 3
+            d.kill()
+            d = d.again()
+            c2.wait_until_ready()
+            other.delete()
+            # The deletion is told, or the scene was gone before.
+            assert all(e.deleted for e in events)
+    finally:
+        d.kill()
+        shutil.rmtree(folder)
 
 
 def test_scene_bounds():
@@ -732,6 +931,155 @@ def test_retry_is_bounded():
             blobfield.Client(url).info()
         assert time.monotonic() - began < 1
         assert not blobfield.Client(url).ready()
+
+
+def test_retries_are_counted():
+    calls = []
+
+    def answer(h):
+        calls.append(h.path)
+        h.say(503, b'{"type": "/problems/store-unavailable"}',
+              Content_Type="application/problem+json", Retry_After="0.1")
+    with server(answer) as url:
+        for retries in (0, 2):
+            calls.clear()
+            with raises(blobfield.StoreUnavailable) as got:
+                blobfield.Client(url, retries=retries).info()
+            assert len(calls) == retries + 1
+            assert got[0].retry_after == 0.1
+
+
+def test_kinds_of_busy():
+    slug = ""
+    with server(lambda h: h.say(
+            503, json.dumps({"type": "/problems/" + slug}).encode(),
+            Content_Type="application/problem+json", Retry_After="2")) as url:
+        with blobfield.Client(url, retries=0) as c:
+            for slug, kind in (
+                    ("device-lost", blobfield.DeviceLost),
+                    ("store-unavailable", blobfield.StoreUnavailable),
+                    ("queue-full", blobfield.Busy)):
+                with raises(blobfield.Busy) as got:
+                    c.info()
+                assert type(got[0]) is kind and got[0].retry_after == 2
+                assert type(pickle.loads(pickle.dumps(got[0]))) is kind
+
+
+def test_tls():
+    if not shutil.which("openssl"):
+        print("skipped: openssl is not installed")
+        return "skipped"
+    folder = tempfile.mkdtemp(prefix="blobfield-")
+    key, cert = (os.path.join(folder, n) for n in ("key", "cert"))
+    d = None
+    try:
+        subprocess.run(["openssl", "req", "-x509", "-newkey", "ec",
+                        "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes",
+                        "-keyout", key, "-out", cert, "-days", "2", "-subj",
+                        "/CN=blobfield", "-addext",
+                        "subjectAltName=IP:127.0.0.1"],
+                       check=True, capture_output=True)
+        d = Daemon("--no-measure", "--tls-cert", cert, "--tls-key", key)
+        assert d.url.startswith("https://"), d.url
+        for wrong in (key, folder + "/nowhere"):
+            with raises(ValueError, wrong):
+                blobfield.Client(d.url, ca=wrong)
+        with raises(blobfield.ConnectionFailed, "not to be trusted", "ca="):
+            blobfield.Client(d.url).info()
+        with blobfield.Client(d.url, ca=cert) as c:
+            s = c.wait_until_ready().scene("a", BALL)
+            near(s.evaluate([[1, 0, 0]]).value, [0.5], 1e-6)
+            events = s.events()
+            assert next(events).revision == s.revision
+            s.patch({"name": "b"})
+            assert next(events).revision == s.revision
+            events.close()
+            stop = blobfield.Cancellation()
+            threading.Timer(0.3, stop.cancel).start()
+            with raises(blobfield.Cancelled):
+                list(s.events(cancel=stop))
+            # Kept connections are used again.
+            assert len(c.transport._idle) == 1
+            kept = c.transport._idle[0].sock
+            for _ in range(3):
+                c.info()
+            assert c.transport._idle[0].sock is kept
+        os.environ["BLOBFIELD_CA"] = cert
+        try:
+            assert blobfield.Client(d.url).ready()
+        finally:
+            del os.environ["BLOBFIELD_CA"]
+    finally:
+        if d is not None:
+            d.stop()
+        shutil.rmtree(folder)
+
+
+@contextlib.contextmanager
+def closed_daemon(**limits):
+    """A daemon that asks for tokens: its URL, and one of role write with
+    limits, one of role read."""
+    folder = tempfile.mkdtemp(prefix="blobfield-")
+    secrets, entries = [], []
+    for name in ("w:write", "r:read"):
+        secret, entry = subprocess.run(
+            [DAEMON, "--make-token", name], stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL, text=True, check=True
+        ).stdout.splitlines()
+        secrets.append(secret)
+        entries.append(json.loads(entry))
+    entries[0]["limits"] = limits
+    path = os.path.join(folder, "tokens")
+    with open(os.open(path, os.O_WRONLY | os.O_CREAT, 0o600), "w") as file:
+        json.dump({"tokens": entries}, file)
+    d = Daemon("--no-measure", "--tokens", path)
+    try:
+        with blobfield.Client(d.url) as c:
+            c.wait_until_ready()
+        yield d.url, *secrets
+    finally:
+        d.stop()
+        shutil.rmtree(folder)
+
+
+def test_token():
+    with closed_daemon() as (url, write, read):
+        with raises(blobfield.Unauthorized, "Unauthorized (401)", "'read'"):
+            blobfield.Client(url).info()
+        with raises(blobfield.Unauthorized, "not known"):
+            blobfield.Client(url, token="bf_no").info()
+        with raises(blobfield.Forbidden, "Forbidden (403)", "'write'"):
+            blobfield.Client(url, token=read).scene("a", BALL)
+        with blobfield.Client(url, token=write) as c:
+            s = c.scene("a", BALL)
+            assert s.mesh(resolution=8, progress=lambda *_: None).triangles.size
+        os.environ["BLOBFIELD_TOKEN"] = read
+        try:
+            assert blobfield.Client(url).info()["name"] == "blobfield"
+            with raises(blobfield.Unauthorized):
+                blobfield.Client(url, token="").info()
+        finally:
+            del os.environ["BLOBFIELD_TOKEN"]
+    for wrong in ("a b", "\u00e4", "a\r\nX: y", " "):
+        with raises(ValueError, "one word"):
+            blobfield.Client(token=wrong)
+
+
+def test_token_limits():
+    with closed_daemon(points_per_second=1000) as (url, write, _):
+        with blobfield.Client(url, token=write, retry_for=0) as c:
+            s = c.scene("a", BALL)
+            s.evaluate(np.zeros((9000, 3)))
+            with raises(blobfield.TooManyRequests, "429",
+                        "points_per_second") as got:
+                s.evaluate([0, 0, 0])
+            assert 7 <= got[0].retry_after <= 8
+    with closed_daemon(requests_per_second=4) as (url, write, _):
+        with blobfield.Client(url, token=write) as c:
+            began = time.monotonic()
+            for _ in range(8):
+                c.info()  # waits as it is told
+            assert 0.9 < time.monotonic() - began < 8
 
 
 def test_kept_connections():

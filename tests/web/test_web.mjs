@@ -9,7 +9,9 @@
 // screenshots go to WEB_SHOTS if that is set. Arguments: the names of cases.
 import assert from "node:assert/strict";
 import { spawn } from "node:child_process";
-import { mkdirSync, mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { createHash } from "node:crypto";
+import { mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from
+	"node:fs";
 import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
@@ -28,11 +30,12 @@ if (shots)
 
 class Daemon {
 	/* At url's port, or a free one. */
-	async start() {
+	async start(...more) {
 		const port = this.url ? new URL(this.url).port : 0;
 		this.process = spawn(process.env.BLOBFIELDD ??
 			join(root, "build/blobfieldd"), ["--listen", `127.0.0.1:${port}`,
-			"--cache", join(temporary, "cache")],
+			"--cache", join(temporary, "cache"),
+			"--data", ":memory:", ...more],
 		{ stdio: ["ignore", "pipe", "ignore"] });
 		this.ended = new Promise((done) => this.process.on("exit", done));
 		let said = "";
@@ -999,28 +1002,49 @@ cases.test_two_pages_see_each_others_edits = async () => {
 	await other.context().close();
 };
 
-cases.test_events_are_used_where_the_daemon_has_them = async () => {
-	// As it will be: the index lists the path, and each revision is an event.
-	const other = await open(`#scene=${(await state(page)).id}`, {}, async (p) => {
-		await p.route(`${daemon.url}/`, async (route) => {
-			if (route.request().resourceType() !== "fetch")
-				return route.continue();
-			const answer = await route.fetch();
-			const index = await answer.json();
-			index.endpoints.push({ method: "GET", path: "/v1/scenes/{id}/events" });
-			await route.fulfill({ response: answer, json: index });
-		});
-		await p.route("**/events", (route) => route.fulfill({ status: 200,
-			contentType: "text/event-stream", body: "retry: 200\ndata: x\n\n" }));
-	});
+cases.test_others_edits_come_as_events = async () => {
+	const other = await open(`#scene=${(await state(page)).id}`);
+	await other.waitForFunction(() => window.__blobfield.session.hears);
 	await other.evaluate(() => { window.__blobfield.session.poll = 1e6; });
-	await other.waitForTimeout(300);
+	await other.waitForTimeout(600); // the last look that was under way
 	await edit(page, "\"radius\": 0.16", "\"radius\": 0.17");
 	await other.waitForFunction(() =>
 		window.__blobfield.editor.text.includes("\"radius\": 0.17"));
 	await other.context().close();
 	await edit(page, "\"radius\": 0.17", "\"radius\": 0.16");
 	await settled(page);
+};
+
+cases.test_a_token_is_asked_for_where_the_daemon_wants_one = async () => {
+	const secret = "bf_test";
+	const file = join(temporary, "tokens.json");
+	writeFileSync(file, JSON.stringify({ tokens: [{ name: "me", role: "write",
+		sha256: createHash("sha256").update(secret).digest("hex") }] }),
+	{ mode: 0o600 });
+	const closed = new Daemon();
+	await closed.start("--tokens", file);
+	expected = [/401 \(/];
+	const context = await browser.newContext();
+	try {
+		const other = await context.newPage();
+		other.setDefaultTimeout(12000);
+		watch(other);
+		await other.goto(`${closed.url}/`);
+		const dialog = other.locator("dialog.ask");
+		await dialog.waitFor();
+		await other.getByLabel("Token", { exact: true }).last().fill("wrong");
+		await dialog.getByText("Go on").click();
+		await dialog.getByText("does not count").waitFor();
+		if (shots)
+			await other.screenshot({ path: join(shots, "token.png") });
+		await other.getByLabel("Token", { exact: true }).last().fill(secret);
+		await dialog.getByText("Go on").click();
+		await settled(other);
+		await other.waitForFunction(() => window.__blobfield.session.hears);
+	} finally {
+		await context.close();
+		await closed.stop();
+	}
 };
 
 cases.test_what_cannot_be_shown_is_explained = async () => {

@@ -10,10 +10,11 @@ bl_info = {
     "category": "Mesh",
 }
 
-from . import live, panel  # noqa: E402
+from . import live, panel, preferences  # noqa: E402
 
 
 def register():
+    preferences.register()
     panel.register()
     live.register()
 
@@ -21,3 +22,4 @@ def register():
 def unregister():
     live.unregister()
     panel.unregister()
+    preferences.unregister()

@@ -16,7 +16,7 @@ import uuid
 
 import bpy
 
-from . import target, tree
+from . import preferences, target, tree
 from .wire import blobfield
 
 DEBOUNCE_S = 0.12
@@ -33,6 +33,7 @@ class Order:
         s = scene.blobfield
         self.scene = scene.name
         self.url = s.url
+        self.token = preferences.token(s.url)
         self.made = made  # a tree.Tree, or the user's own text
         self.text = blobfield.build.document_bytes(
             made.document if isinstance(made, tree.Tree) else made)
@@ -67,7 +68,8 @@ class Job(threading.Thread):
     def run(self):
         try:
             with blobfield.Client(self.order.url, connect_timeout=3,
-                                  retry_for=10) as client:
+                                  retry_for=10,
+                                  token=self.order.token) as client:
                 scene = client.scene(state.scene_id).put(self.order.text)
                 got = scene.mesh(progress=self._progress,
                                  cancel=self.cancellation,
@@ -292,7 +294,8 @@ def forget():
     for url in state.used:
         try:
             with blobfield.Client(url, timeout=2, connect_timeout=1,
-                                  retry_for=0) as client:
+                                  retry_for=0,
+                                  token=preferences.token(url)) as client:
                 client.scene(state.scene_id).delete()
         except (blobfield.BlobfieldError, ValueError):
             pass

@@ -3,7 +3,7 @@ import bpy
 from bpy.props import (BoolProperty, EnumProperty, FloatProperty, IntProperty,
                        PointerProperty, StringProperty)
 
-from . import live, tree
+from . import live, preferences, tree
 from .wire import blobfield
 
 OPERATORS = [
@@ -112,8 +112,10 @@ class BLOBFIELD_OT_check(bpy.types.Operator):
 
     def execute(self, context):
         try:
-            with blobfield.Client(context.scene.blobfield.url, timeout=5,
-                                  connect_timeout=2, retry_for=0) as client:
+            url = context.scene.blobfield.url
+            with blobfield.Client(url, timeout=5, connect_timeout=2,
+                                  retry_for=0,
+                                  token=preferences.token(url)) as client:
                 info = client.info()
         except (blobfield.BlobfieldError, ValueError) as e:
             live.state.say(str(e), failed=True)

@@ -11,12 +11,14 @@ from .build import (FORMAT, box, capsule, cylinder, difference, document,
                     intersection, leaf_pointers, node, point, ref, segment,
                     sphere, torus, triangle, union)
 from .client import DEFAULT_URL, Client, evaluate
-from .errors import (BlobfieldError, Busy, Cancelled, ConnectionFailed,
-                     DeadlineExceeded, Fault, InvalidContent, NotFound,
-                     PreconditionFailed, ProblemError)
+from .errors import (BlobfieldError, Busy, Cancelled, Conflict,
+                     ConnectionFailed, DeadlineExceeded, DeviceLost, Fault,
+                     Forbidden, InvalidContent, NotFound, PreconditionFailed,
+                     ProblemError, StoreUnavailable, TooManyRequests,
+                     Unauthorized)
 from .mesh import Mesh
-from .results import (Bounds, Box, Camera, Hits, Imported, OpeningAngle,
-                      Projection, Summary, Volume)
+from .results import (Bounds, Box, Camera, Event, Hits, Imported,
+                      OpeningAngle, Projection, Revision, Summary, Volume)
 from .scene import Scene
 from .transport import Cancellation
 
@@ -24,11 +26,12 @@ __version__ = "0.4.0"
 
 __all__ = [
     "BlobfieldError", "Bounds", "Box", "Busy", "Camera", "Cancellation",
-    "Cancelled", "Client", "ConnectionFailed", "DEFAULT_URL",
-    "DeadlineExceeded", "FORMAT", "Fault", "Hits", "Imported",
-    "InvalidContent", "Mesh", "NotFound", "OpeningAngle",
-    "PreconditionFailed", "ProblemError", "Projection", "Scene", "Summary",
-    "Values", "Volume", "box", "capsule", "cylinder", "difference",
-    "document", "evaluate", "intersection", "leaf_pointers", "node", "point",
-    "ref", "segment", "sphere", "torus", "triangle", "union",
+    "Cancelled", "Client", "Conflict", "ConnectionFailed", "DEFAULT_URL",
+    "DeadlineExceeded", "DeviceLost", "Event", "FORMAT", "Fault", "Forbidden",
+    "Hits", "Imported", "InvalidContent", "Mesh", "NotFound", "OpeningAngle",
+    "PreconditionFailed", "ProblemError", "Projection", "Revision", "Scene",
+    "StoreUnavailable", "Summary", "TooManyRequests", "Unauthorized", "Values",
+    "Volume", "box", "capsule", "cylinder", "difference", "document",
+    "evaluate", "intersection", "leaf_pointers", "node", "point", "ref",
+    "segment", "sphere", "torus", "triangle", "union",
 ]

@@ -31,8 +31,12 @@ class Client:
     http://127.0.0.1:7878, without. timeout: seconds of silence after which a
     request is given up (long work is silent until it is done; None: wait as
     long as it takes). retry_for: how many seconds in all a request is repeated
-    that the daemon answers with 503, at the pace it proposes. headers: sent
-    with every request, for a proxy's authentication.
+    that the daemon answers with 503 or 429 (nothing has been done then), at
+    the pace it proposes; retries: how often at most; 0, either: never.
+    headers: sent with every request, for a proxy's authentication. token: for
+    a daemon that asks for one; BLOBFIELD_TOKEN of the environment without, ""
+    for none. ca: for https, a file of certificates (PEM) to trust instead of
+    the system's; BLOBFIELD_CA of the environment without.
 
     Connections are kept and reused. Any number of threads may use one
     client. `with Client() as client:` closes them at the end.
@@ -41,10 +45,19 @@ class Client:
     def __init__(self, url: Optional[str] = None, *,
                  timeout: Optional[float] = 600.0,
                  connect_timeout: float = 5.0, retry_for: float = 30.0,
-                 headers: Optional[Mapping[str, str]] = None) -> None:
+                 headers: Optional[Mapping[str, str]] = None,
+                 token: Optional[str] = None,
+                 ca: "Union[str, os.PathLike[str], None]" = None,
+                 retries: Optional[int] = None) -> None:
+        if token is None:
+            token = os.environ.get("BLOBFIELD_TOKEN")
+        if token:
+            headers = {"Authorization": "Bearer " + _token(token),
+                       **(headers or {})}
         self.transport = Transport(
             url or os.environ.get("BLOBFIELD_URL") or DEFAULT_URL, timeout,
-            connect_timeout, retry_for, headers or {})
+            connect_timeout, retry_for, headers or {},
+            ca or os.environ.get("BLOBFIELD_CA") or None, retries)
 
     @property
     def url(self) -> str:
@@ -207,10 +220,20 @@ class Client:
 
 def evaluate(document: DocumentLike, points: npt.ArrayLike,
              outputs: Union[str, Sequence[str]] = ("value", "gradient"),
-             url: Optional[str] = None) -> Values:
+             url: Optional[str] = None, token: Optional[str] = None,
+             ca: "Union[str, os.PathLike[str], None]" = None) -> Values:
     """Values of a document at points of shape (..., 3), in one call."""
-    with Client(url) as client:
+    with Client(url, token=token, ca=ca) as client:
         return client.evaluate(document, points, outputs)
+
+
+def _token(token: str) -> str:
+    """It, if a header can carry it."""
+    token = token.strip()
+    if not token or not token.isascii() or not token.isprintable() \
+            or " " in token:
+        raise ValueError("a token is one word of ASCII characters")
+    return token
 
 
 def _comma(corner: Corner) -> str:

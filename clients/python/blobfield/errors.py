@@ -4,10 +4,16 @@
         ConnectionFailed    no daemon there, or the connection was cut
         Cancelled           by a Cancellation
         ProblemError        the daemon says no; by status:
+            Unauthorized        401  no token, or one that is not known
+            Forbidden           403  the token's role is too small
             NotFound            404
+            Conflict            409  a patch's test failed
             PreconditionFailed  412  somebody else changed the scene
             InvalidContent      422  errors says where
+            TooManyRequests     429  the token's limits, after the retries
             Busy                503  after the retries
+                StoreUnavailable     it cannot be kept now
+                DeviceLost           the daemon is getting its device back
             DeadlineExceeded    504
 """
 from __future__ import annotations
@@ -64,6 +70,8 @@ class ProblemError(BlobfieldError):
 
     def _message(self) -> str:
         head = f"{self.title or 'The daemon refused'} ({self.status})"
+        if self.detail.startswith("The document after the patch"):
+            head += " in the document after the patch"
         if not self.errors:
             return f"{head}: {self.detail}" if self.detail else head
         lines = [f"{e.pointer or 'the whole'}: {e.detail}"
@@ -75,8 +83,21 @@ class ProblemError(BlobfieldError):
         return "\n  ".join([f"{head}, {self.error_count} places:"] + lines)
 
 
+class Unauthorized(ProblemError):
+    """The daemon asks for a token, or does not know this one: Client(token=)
+    or BLOBFIELD_TOKEN."""
+
+
+class Forbidden(ProblemError):
+    """The token's role does not suffice; detail says which does."""
+
+
 class NotFound(ProblemError):
     """No such scene, operator, volume or path."""
+
+
+class Conflict(ProblemError):
+    """The scene is not as a patch's "test" says; nothing has changed."""
 
 
 class PreconditionFailed(ProblemError):
@@ -87,18 +108,36 @@ class InvalidContent(ProblemError):
     """Well-formed, but wrong, or beyond a limit: errors says where."""
 
 
+class TooManyRequests(ProblemError):
+    """The token has used what it may; retries did not help. detail says which
+    limit."""
+
+    retry_after = 1.0  #: seconds until the next request can come
+
+
 class Busy(ProblemError):
     """Queue full, out of memory, or about to end; retries did not help."""
 
     retry_after = 1.0  #: seconds, as the daemon proposes
 
 
+class StoreUnavailable(Busy):
+    """Scenes cannot be kept now (a full disk, a store that is away): nothing
+    has changed. Those that are there can be read and evaluated."""
+
+
+class DeviceLost(Busy):
+    """The device failed during the request; the daemon is rebuilding it."""
+
+
 class DeadlineExceeded(ProblemError):
     """The deadline asked for has passed."""
 
 
-_KINDS = {404: NotFound, 412: PreconditionFailed, 422: InvalidContent,
+_KINDS = {401: Unauthorized, 403: Forbidden, 404: NotFound, 409: Conflict,
+          412: PreconditionFailed, 422: InvalidContent, 429: TooManyRequests,
           503: Busy, 504: DeadlineExceeded}
+_BUSY = {"store-unavailable": StoreUnavailable, "device-lost": DeviceLost}
 
 
 def problem(status: int, kind: Optional[str], body: bytes) -> ProblemError:
@@ -114,4 +153,8 @@ def problem(status: int, kind: Optional[str], body: bytes) -> ProblemError:
     if not members:
         members = {"title": "HTTP error",
                    "detail": body[:200].decode("utf-8", "replace").strip()}
-    return _KINDS.get(status, ProblemError)(status, members)
+    kind_of = _KINDS.get(status, ProblemError)
+    if kind_of is Busy:
+        slug = str(members.get("type", "")).rsplit("/", 1)[-1]
+        kind_of = _BUSY.get(slug, Busy)
+    return kind_of(status, members)

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
@@ -174,15 +175,70 @@ class Imported:
 
 @dataclass
 class Summary:
-    """A scene in a list."""
+    """A scene in a list. sequence: the number of its last change, as in
+    Event; time: when that was; owner: the token that made it, "" if none."""
 
     id: str
     name: str
     revision: str
     nodes: int
     bytes: int
+    sequence: str = ""
+    time: Optional[datetime] = None
+    owner: str = ""
 
     @classmethod
     def of(cls, answer: Mapping[str, Any]) -> "Summary":
         return cls(answer["id"], answer["name"], answer["revision"],
-                   answer["nodes"], answer["bytes"])
+                   answer["nodes"], answer["bytes"],
+                   answer.get("sequence", ""), _time(answer.get("time")),
+                   answer.get("owner", ""))
+
+
+@dataclass
+class Revision:
+    """One of those of a scene that are kept: Scene.at(revision) is its
+    text."""
+
+    revision: str
+    sequence: str
+    time: Optional[datetime]
+    nodes: int
+    bytes: int
+
+    @classmethod
+    def of(cls, answer: Mapping[str, Any]) -> "Revision":
+        return cls(answer["revision"], answer["sequence"],
+                   _time(answer["time"]), answer["nodes"], answer["bytes"])
+
+
+@dataclass
+class Event:
+    """A change of a scene. deleted: it is gone, and revision is None, nodes
+    and bytes 0. sequence: for Scene.events(last=). missed: there were others
+    before it that are not told."""
+
+    id: str
+    sequence: str
+    time: Optional[datetime]
+    revision: Optional[str] = None
+    nodes: int = 0
+    bytes: int = 0
+    deleted: bool = False
+    missed: bool = False
+
+    @classmethod
+    def of(cls, kind: str, data: Mapping[str, Any]) -> "Event":
+        return cls(data["id"], data["sequence"], _time(data.get("time")),
+                   data.get("revision"), data.get("nodes", 0),
+                   data.get("bytes", 0), kind == "deleted",
+                   bool(data.get("missed")))
+
+
+def _time(text: Optional[str]) -> Optional[datetime]:
+    """Of RFC 3339, in UTC."""
+    if not text:
+        return None
+    # Before 3.11 Python knows no "Z".
+    return datetime.fromisoformat(text.replace("Z", "+00:00")).astimezone(
+        timezone.utc)

@@ -16,9 +16,11 @@ import numpy.typing as npt
 from .arrays import (COLUMNS, NPY, OCTETS, Values, chosen, npy_array, octets,
                      table, vectors)
 from .build import DocumentLike, document_bytes, json_bytes, leaf_pointers
-from .errors import NotFound, PreconditionFailed
+from .errors import NotFound, PreconditionFailed, ProblemError
+from .events import follow
 from .mesh import Mesh
-from .results import Bounds, Camera, Hits, OpeningAngle, Projection
+from .results import (Bounds, Camera, Event, Hits, OpeningAngle, Projection,
+                      Revision)
 from .transport import Answer, Body, Cancellation, Progress
 
 if TYPE_CHECKING:
@@ -108,6 +110,46 @@ class Scene:
                     raise
         return self
 
+    def patch(self, patch: Union[Sequence[Mapping[str, Any]],
+                                 Mapping[str, Any]], *,
+              if_match: Optional[str] = None) -> "Scene":
+        """Changes a part of the document on the daemon; answers self.
+
+        A list is a JSON Patch (RFC 6902), a dict a merge patch (RFC 7396):
+
+            scene.patch([{"op": "replace", "path": "/root/radius", "value": 2}])
+            scene.patch({"root": {"radius": 2}})
+
+        Whatever others change meanwhile stays, unless if_match asks for a
+        revision (PreconditionFailed). Conflict: one of its tests failed.
+        InvalidContent says what is wrong with the patch, or with the document
+        after it. Nothing has changed then.
+        """
+        kind = "merge" if isinstance(patch, Mapping) else "json"
+        self._note(self.client.transport.request(
+            "PATCH", self._path, body=json_bytes(patch),
+            kind=f"application/{kind}-patch+json", headers=_tag(if_match),
+            again=False))
+        return self
+
+    def revisions(self) -> Iterator[Revision]:
+        """The kept revisions, the newest first."""
+        before: Optional[str] = None
+        while True:
+            page = self.client.transport.request(
+                "GET", self._path + "/revisions",
+                query={"before": before}).json()
+            yield from (Revision.of(r) for r in page["revisions"])
+            before = page.get("next")
+            if before is None:
+                return
+
+    def at(self, revision: str) -> bytes:
+        """The document's bytes as they were then. NotFound: that revision is
+        not kept any more."""
+        return bytes(self.client.transport.request(
+            "GET", self._path, query={"revision": revision}).body)
+
     def delete(self, *, if_match: Optional[str] = None) -> None:
         self.client.transport.request("DELETE", self._path,
                                       headers=_tag(if_match))
@@ -116,14 +158,51 @@ class Scene:
     def exists(self) -> bool:
         return self._look(None) is not None
 
+    def events(self, last: Union[Event, str, None] = None, *,
+               timeout: Optional[float] = None,
+               cancel: Optional[Cancellation] = None) -> Iterator[Event]:
+        """The present revision, then every change as it is made, until the
+        scene is deleted (which is the last), or timeout seconds after the
+        last one. NotFound: there is no scene.
+
+        last: an event, or its sequence: those after it come, as far as they
+        are kept; if not all of them are, the present one, which says missed.
+        If the connection breaks, or the daemon is started again, this is done
+        for you, for as long as that takes; a scene that is gone by then ends
+        it. ConnectionFailed only if it cannot be begun.
+        """
+        return follow(self.client.transport, self._path + "/events",
+                      last.sequence if isinstance(last, Event) else last,
+                      timeout, cancel or Cancellation(), self._seen)
+
+    def _seen(self, event: Event) -> None:
+        self.revision = event.revision
+
     def watch(self, interval: float = 0.5, timeout: Optional[float] = None,
               cancel: Optional[Cancellation] = None) -> Iterator[str]:
-        """The present revision, then every further one that is seen, asking
-        each interval seconds; ends when the scene is gone, or timeout seconds
-        after the last. What changes twice between two looks counts once.
+        """The present revision, then every further one, as events tells;
+        ends when the scene is gone, or timeout seconds after the last.
+
+        From a daemon that cannot tell (an older one, or too many listen), by
+        asking each interval seconds: what changes twice between two looks
+        counts once then.
         """
         cancel = cancel or Cancellation()
         seen: Optional[str] = None
+        try:
+            for event in self.events(timeout=timeout, cancel=cancel):
+                if event.revision and event.revision != seen:
+                    seen = event.revision
+                    yield seen
+            return
+        except ProblemError as e:
+            if e.status not in (404, 405, 503):
+                raise
+        yield from self._poll(seen, interval, timeout, cancel)
+
+    def _poll(self, seen: Optional[str], interval: float,
+              timeout: Optional[float], cancel: Cancellation
+              ) -> Iterator[str]:
         last = time.monotonic()
         while True:
             now = self._look(seen)

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import http.client
 import json
+import os
 import secrets
 import selectors
 import socket
+import ssl
 import threading
 import time
 import urllib.parse
@@ -17,7 +19,8 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from email.message import Message
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Union
 
-from .errors import BlobfieldError, Busy, Cancelled, ConnectionFailed, problem
+from .errors import (BlobfieldError, Busy, Cancelled, ConnectionFailed,
+                     ProblemError, TooManyRequests, problem)
 
 Body = Union[bytes, bytearray, memoryview]
 Query = Mapping[str, Union[str, int, float, None]]
@@ -94,22 +97,26 @@ class Transport:
     url: "http://host:port", a path below it allowed, https too (a proxy's).
     timeout: seconds without a byte from the daemon after which a request is
     given up; None: never. connect_timeout: to open a connection. retry_for:
-    seconds that 503 answers are retried in all, at the pace of Retry-After.
-    headers: sent with every request.
+    seconds that 503 and 429 answers are retried in all, at the pace of
+    Retry-After; retries: how often at most. headers: sent with every request.
+    ca: a file of certificates to trust instead of the system's.
     """
 
     def __init__(self, url: str, timeout: Optional[float],
                  connect_timeout: float, retry_for: float,
-                 headers: Mapping[str, str]) -> None:
+                 headers: Mapping[str, str],
+                 ca: "Union[str, os.PathLike[str], None]" = None,
+                 retries: Optional[int] = None) -> None:
         parts = _address(url)
         self.url = urllib.parse.urlunsplit(parts).rstrip("/")
-        self._secure = parts.scheme == "https"
+        self._tls = _trust(ca) if parts.scheme == "https" else None
         self._host = parts.hostname or ""
         self._port = parts.port
         self._base = parts.path.rstrip("/")
         self._timeout = timeout
         self._connect_timeout = connect_timeout
         self._retry_for = retry_for
+        self._retries = float("inf") if retries is None else retries
         self._headers = dict(headers)
         self._lock = threading.Lock()  # guards _idle
         self._idle: List[http.client.HTTPConnection] = []
@@ -132,7 +139,7 @@ class Transport:
         (304 too); raises its problem else.
 
         kind: Content-Type of body. again: may be sent twice if a kept
-        connection breaks. retry: 503s are. progress: called from this thread
+        connection breaks. retry: 503s and 429s are. progress: called from this thread
         while the request runs in another, where path takes ?progress=; what it
         raises cancels the request.
         """
@@ -180,14 +187,18 @@ class Transport:
     def _persist(self, method: str, target: str, body: Optional[Body],
                  headers: Dict[str, str], again: bool,
                  cancel: Optional[Cancellation]) -> Answer:
-        """_once, until it is not 503, or retry_for is over."""
+        """_once, until it is neither 503 nor 429, or retry_for is over, or
+        retries have been made."""
         last = time.monotonic() + self._retry_for
+        left = self._retries
         while True:
             try:
                 return self._once(method, target, body, headers, again, cancel)
-            except Busy as busy:
+            except (Busy, TooManyRequests) as busy:
                 pause = busy.retry_after
-                if busy.slug == "draining" or time.monotonic() + pause > last:
+                left -= 1
+                if busy.slug == "draining" or left < 0 or \
+                        time.monotonic() + pause > last:
                     raise
             (cancel or Cancellation()).sleep(pause)
 
@@ -216,6 +227,10 @@ class Transport:
         if isinstance(e, ConnectionRefusedError):
             return (f"nothing listens at {self.url}: is blobfieldd running "
                     "there?")
+        if isinstance(e, ssl.SSLCertVerificationError):
+            return (f"the certificate of {self.url} is not to be trusted: "
+                    f"{e.verify_message} (Client(ca=) names the file of one "
+                    "that is)")
         if isinstance(e, (http.client.IncompleteRead, ConnectionError)):
             return f"{self.url} closed the connection in the middle"
         return f"{self.url} cannot be reached: {e or type(e).__name__}"
@@ -230,10 +245,53 @@ class Transport:
             if c.sock is not None and not _readable(c.sock):
                 return c, True
             c.close()  # the daemon has closed it
-        make = (http.client.HTTPSConnection if self._secure
-                else http.client.HTTPConnection)
-        return make(self._host, self._port,
-                    timeout=self._connect_timeout), False
+        return self._open(), False
+
+    def _open(self) -> http.client.HTTPConnection:
+        """A new one, not yet connected."""
+        if self._tls is None:
+            return http.client.HTTPConnection(
+                self._host, self._port, timeout=self._connect_timeout)
+        return http.client.HTTPSConnection(
+            self._host, self._port, timeout=self._connect_timeout,
+            context=self._tls)
+
+    def stream(self, path: str, *, query: Optional[Query] = None,
+               headers: Optional[Mapping[str, str]] = None,
+               cancel: Optional[Cancellation] = None) -> "Stream":
+        """GET of an answer that goes on, over a connection of its own, which
+        close ends. Nothing is retried."""
+        given = {k: v for k, v in (query or {}).items() if v is not None}
+        cancel = cancel or Cancellation()
+        c = self._open()
+        try:
+            c.connect()
+            s: socket.socket = c.sock
+            s.settimeout(self._timeout)
+            cancel._attach(s)
+        except OSError as e:
+            c.close()
+            raise ConnectionFailed(self._why(e)) from e
+        except BaseException:
+            c.close()
+            raise
+        stream = Stream(c, s, cancel)
+        try:
+            c.request("GET", self._base + _target(path, given),
+                      headers={**self._headers, **(headers or {})})
+            stream.response = c.getresponse()
+            if stream.response.status >= 400:
+                raise _refusal(Answer(
+                    stream.response.status, stream.response.headers,
+                    _read(stream.response)))
+        except (OSError, http.client.HTTPException) as e:
+            stream.close()
+            cancel.check()
+            raise ConnectionFailed(self._why(e)) from e
+        except BaseException:
+            stream.close()
+            raise
+        return stream
 
     def _exchange(self, c: http.client.HTTPConnection, method: str,
                   target: str, body: Optional[Body], headers: Dict[str, str],
@@ -267,12 +325,49 @@ class Transport:
         if cancel is not None:
             cancel.check()
         if answer.status >= 400:
-            e = problem(answer.status, response.headers.get("Content-Type"),
-                        bytes(answer.body))
-            if isinstance(e, Busy):
-                e.retry_after = _seconds(response.headers.get("Retry-After"))
-            raise e
+            raise _refusal(answer)
         return answer
+
+
+class Stream:
+    """An answer that comes line by line for as long as it lasts."""
+
+    response: http.client.HTTPResponse
+
+    def __init__(self, connection: http.client.HTTPConnection,
+                 s: socket.socket, cancel: Cancellation) -> None:
+        self._connection = connection
+        self._socket = s
+        self._cancel = cancel
+
+    def line(self, timeout: float) -> Optional[bytes]:
+        """The next line with its end, b"" if it is over or broken; None: it
+        does not come within timeout seconds, and the stream is of no use any
+        more. Raises Cancelled."""
+        try:
+            self._socket.settimeout(max(timeout, 0.001))
+            got = self.response.readline()
+        except socket.timeout:
+            return None
+        except (OSError, ValueError, http.client.HTTPException):
+            got = b""
+        self._cancel.check()
+        return got
+
+    def close(self) -> None:
+        self._cancel._detach(self._socket)
+        self._connection.close()
+        if hasattr(self, "response"):
+            self.response.close()
+
+
+def _refusal(answer: Answer) -> ProblemError:
+    e = problem(answer.status, answer.headers.get("Content-Type"),
+                bytes(answer.body))
+    if isinstance(e, (Busy, TooManyRequests)):
+        e.retry_after = _seconds(answer.headers.get("Retry-After"),
+                                 10.0 if isinstance(e, Busy) else 1e9)
+    return e
 
 
 def _address(url: str) -> urllib.parse.SplitResult:
@@ -285,6 +380,14 @@ def _address(url: str) -> urllib.parse.SplitResult:
     if not good:
         raise ValueError(f"not the address of a daemon: {url!r}")
     return parts
+
+
+def _trust(ca: "Union[str, os.PathLike[str], None]") -> ssl.SSLContext:
+    try:
+        return ssl.create_default_context(cafile=ca)
+    except OSError as e:  # of the file, or of what is in it
+        raise ValueError(f"{ca} has no certificates to trust: "
+                         f"{e.strerror or e}") from e
 
 
 def _target(path: str, query: Mapping[str, Any]) -> str:
@@ -309,9 +412,9 @@ def _read(response: http.client.HTTPResponse) -> Body:
     return data
 
 
-def _seconds(retry_after: Optional[str]) -> float:
+def _seconds(retry_after: Optional[str], most: float) -> float:
     try:
-        return min(max(float(retry_after or 1), 0.05), 10.0)
+        return min(max(float(retry_after or 1), 0.05), most)
     except ValueError:
         return 1.0
 

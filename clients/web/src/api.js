@@ -14,10 +14,49 @@ export class Problem extends Error {
 /* The daemon cannot be reached. */
 export class Offline extends Error {}
 
+/* Where the daemon asks for a token: the one this tab has, and who gets one from
+ * the user ({ask(wrong): a promise of a token, or null}). */
+const TOKEN = "blobfield.token";
+let user = null;
+export const asker = (ask) => { user = { ask, asked: null }; };
+
+function token() {
+	try {
+		return sessionStorage.getItem(TOKEN);
+	} catch {
+		return null;
+	}
+}
+
+/* True: there is another token now. All requests refused meanwhile wait for the
+ * same answer. */
+async function askToken(refused) {
+	if (!user || token() !== refused)
+		return token() !== refused;
+	user.asked ??= user.ask(refused !== null).finally(() => {
+		user.asked = null;
+	});
+	const given = await user.asked;
+	if (given)
+		sessionStorage.setItem(TOKEN, given);
+	return Boolean(given);
+}
+
+async function fetchAs(secret, path, options) {
+	const headers = { ...options.headers,
+		...secret && { Authorization: `Bearer ${secret}` } };
+	return fetch(path, { cache: "no-store", ...options, headers });
+}
+
 async function ask(path, options = {}) {
 	let answer;
 	try {
-		answer = await fetch(path, { cache: "no-store", ...options });
+		for (;;) {
+			const secret = token();
+			answer = await fetchAs(secret, path, options);
+			if (answer.status !== 401 || !await askToken(secret))
+				break;
+		}
 	} catch (error) {
 		if (error.name === "AbortError")
 			throw error;
@@ -82,6 +121,37 @@ export async function put(id, text, when) {
 		headers: { ...json, ...conditions(when) } });
 	await whole(answer.text());
 	return answer.headers.get("ETag");
+}
+
+/* Server-Sent Events of a scene, as {type, id, data} to told, until the stream
+ * ends; those after `last`, if that is not null. (EventSource cannot send a
+ * token.) */
+export async function events(id, last, signal, told) {
+	const answer = await ask(`${scene(id)}/events`, { signal, headers: {
+		Accept: "text/event-stream", ...last && { "Last-Event-ID": last } } });
+	const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
+	let left = "";
+	for (;;) {
+		const { done, value } = await whole(reader.read());
+		if (done)
+			return;
+		const blocks = (left + value).split("\n\n");
+		left = blocks.pop();
+		for (const block of blocks)
+			told(event(block));
+	}
+}
+
+function event(block) {
+	const fields = { type: "message", id: null, data: "" };
+	for (const line of block.split("\n")) {
+		const [, name, value] = /^([^:]*):? ?(.*)$/.exec(line);
+		if (name === "event")
+			fields.type = value;
+		else if (name === "id" || name === "data")
+			fields[name] = value;
+	}
+	return fields;
 }
 
 export async function remove(id, options) {

@@ -11,6 +11,7 @@ import { keep, recall, remembered, Session } from "./session.js";
 import { skeleton } from "./skeleton.js";
 import { Slice } from "./slice.js";
 import { slider } from "./slider.js";
+import { askToken } from "./token.js";
 import { Tree } from "./tree.js";
 import { Blind, MODES, parse, Viewport } from "./viewport.js";
 
@@ -120,6 +121,7 @@ const slice = new Slice(viewport, () => session.etag
 (error) => note(`No slice: ${error.message}`));
 const gallery = new Gallery((example) => openText(example.text));
 document.body.append(gallery.element);
+api.asker(askToken);
 
 /* ---- the text ---- */
 

@@ -10,6 +10,7 @@ import { read } from "./source.js";
 
 export const COARSE = 24;
 const REST = 250;          // ms without an edit before it is sent
+const AGAIN = 2000;        // ms from the end of events until they are asked for
 const KEPT = "blobfield.scene";
 
 const pause = (ms) => new Promise((done) => setTimeout(done, ms));
@@ -28,6 +29,7 @@ export class Session extends EventTarget {
 	resolution = 96;
 	features = true;
 	online = true;
+	hears = false;         // of revisions, by events
 	poll = 1000;           // ms between looks at the scene
 	conflict = null;       // {text, etag}: theirs, while nobody has decided
 	gone = false;          // deleted by somebody
@@ -429,7 +431,7 @@ export class Session extends EventTarget {
 	/* Looks at the scene now and then, for ever. */
 	async #watch() {
 		for (;;) {
-			await pause(this.source && this.online ? 10 * this.poll : this.poll);
+			await pause(this.hears && this.online ? 10 * this.poll : this.poll);
 			if (this.id)
 				await this.look().catch((error) => console.warn(error));
 		}
@@ -504,22 +506,38 @@ export class Session extends EventTarget {
 		return back;
 	}
 
+	/* Hears of the scene's revisions, once there is one: source says so. */
 	#listen() {
-		this.source?.close();
+		this.source?.abort();
 		this.source = null;
-		if (!this.events || !this.id)
-			return;
-		const source = new EventSource(
-			`/v1/scenes/${encodeURIComponent(this.id)}/events`);
-		const look = () => this.look();
-		source.onmessage = look;
-		source.addEventListener("revision", look);
-		source.onopen = () => { this.source = source; };
-		source.onerror = () => {
-			if (source.readyState === EventSource.CLOSED)
-				this.source = null;
-		};
-		this.source = source;
+		this.hears = false;
+		if (this.events && this.id)
+			this.#hear(this.id, new AbortController());
+	}
+
+	async #hear(id, abort) {
+		let last = null;
+		const current = () => id === this.id && !abort.signal.aborted;
+		this.source = abort;
+		while (current()) {
+			if (!this.etag || this.gone) {
+				await pause(REST);
+				continue;
+			}
+			try {
+				await api.events(id, last, abort.signal, (event) => {
+					last = event.id ?? last;
+					this.hears = current();
+					if (current() && event.type !== "message")
+						this.look().catch((error) => console.warn(error));
+				});
+			} catch {
+				// Asking goes on: this.look() says what is wrong.
+			}
+			if (current())
+				this.hears = false;
+			await pause(AGAIN);
+		}
 	}
 }
 
