@@ -11,6 +11,9 @@ const PLAIN = new Set(['connection', 'content-length', 'content-type', 'date',
 /* What may be answered before a path or a method is looked at. */
 const EARLY = [400, 413, 414, 415, 431, 500, 501, 503, 505];
 
+/* The methods that have operations; HEAD and OPTIONS have none of their own. */
+export const VERBS = ['get', 'post', 'put', 'patch', 'delete'];
+
 const MAGIC = {
 	'application/x-npy': '\x93NUMPY',
 	'image/png': '\x89PNG\r\n\x1a\n',
@@ -24,12 +27,21 @@ const escaped = (name) => name.replace(/~/g, '~0').replace(/\//g, '~1');
 export const mediaOf = (value) => (value ?? '').split(';')[0].trim()
 	.toLowerCase();
 
+/* A block of a stream of Server-Sent Events: {field: value}; a comment's field
+ * is ''. */
+const fieldsOf = (block) => Object.fromEntries(block.split('\n').map((line) => {
+	const at = line.indexOf(':');
+
+	return [line.slice(0, at), line.slice(at + 1).trimStart()];
+}));
+
 export class Contract {
 	constructor(contract) {
 		this.contract = contract;
 		this.ajv = new Ajv2020({strict: false, validateFormats: false});
 		this.ajv.addSchema(contract, 'contract:');
 		this.compiled = new Map();
+		this.events = new Set(); /* blocks that are right: many hear them */
 		this.paths = Object.entries(contract.paths).map(([path, item]) =>
 			({path, item, pattern: new RegExp('^' +
 				path.replace(/[.]/g, '\\.').replace(/{[^}]*}/g,
@@ -92,9 +104,11 @@ export class Contract {
 	checkAnswer(request, answer, found) {
 		const wrong = [];
 
-		/* The HTTP library's own page, of what never comes to the daemon. */
-		if (EARLY.includes(answer.status) &&
-			mediaOf(answer.headers['content-type']) === 'text/html')
+		/* The HTTP library's own page, of what never comes to the daemon:
+		 * HTML, but of a head as large as its memory not even that is
+		 * said. The daemon's own always say what they are. */
+		if (EARLY.includes(answer.status) && ['text/html', ''].includes(
+			mediaOf(answer.headers['content-type'])))
 			return wrong;
 		if (!found)
 			this.checkEarly(request, answer, [404], wrong);
@@ -132,8 +146,8 @@ export class Contract {
 	}
 
 	methodsOf(found) {
-		const verbs = ['get', 'post', 'put', 'delete'].filter((verb) =>
-			found.item[verb]).map((verb) => verb.toUpperCase());
+		const verbs = VERBS.filter((verb) => found.item[verb])
+			.map((verb) => verb.toUpperCase());
 
 		return [...verbs, ...(verbs.includes('GET') ? ['HEAD'] : []),
 			'OPTIONS'].sort().join(', ');
@@ -149,10 +163,15 @@ export class Contract {
 	}
 
 	checkOptions(request, found, answer, wrong) {
-		if (answer.status !== 204)
+		if (answer.status !== 204) {
 			this.checkEarly(request, answer, [], wrong);
-		else
-			this.checkAllow(found, answer, wrong);
+			return;
+		}
+		this.checkListed(this.resolve('/components/responses/Options'),
+			request, answer, wrong);
+		this.checkAllow(found, answer, wrong);
+		if (('accept-patch' in answer.headers) !== ('patch' in found.item))
+			wrong.push('Accept-Patch is for paths with PATCH');
 	}
 
 	checkMethod(request, found, answer, wrong) {
@@ -208,7 +227,9 @@ export class Contract {
 		const {schema} = this.resolve(place).value;
 		let value;
 
-		if (/json$/.test(media)) {
+		if (media === 'text/event-stream') {
+			this.checkEvents(place, body.toString(), wrong);
+		} else if (/json$/.test(media)) {
 			try {
 				value = JSON.parse(body.toString());
 			} catch {
@@ -225,6 +246,42 @@ export class Contract {
 		} else if (MAGIC[media] && !body.toString('latin1', 0, 16)
 			.startsWith(MAGIC[media])) {
 			wrong.push(`the body is no ${media}`);
+		}
+	}
+
+	/* A stream of events, which may have been cut anywhere. */
+	checkEvents(place, text, wrong) {
+		const [head, ...blocks] = text.split('\n\n').slice(0, -1);
+		const before = wrong.length;
+
+		if (head !== undefined && !/^retry: \d+$/.test(head))
+			wrong.push('the stream does not begin with retry');
+		for (const block of blocks) {
+			if (block.startsWith(':') || this.events.has(block))
+				continue;
+			this.checkEvent(place, fieldsOf(block), wrong);
+			if (wrong.length === before)
+				this.events.add(block);
+		}
+	}
+
+	checkEvent(place, {id, event, data}, wrong) {
+		if (!this.resolve(place).value['x-event-data'][event]) {
+			wrong.push(`event ${event} is not listed`);
+			return;
+		}
+		try {
+			const value = JSON.parse(data);
+			const bad = this.check(`${place}/x-event-data/${event}`,
+				value);
+
+			if (bad)
+				wrong.push(`event ${event}: ${bad}`);
+			if (value.sequence !== id)
+				wrong.push(`event ${event}: id ${id} is not its ` +
+					'sequence');
+		} catch {
+			wrong.push(`event ${event}: its data is not JSON`);
 		}
 	}
 

@@ -8,6 +8,7 @@
  */
 import fs from 'node:fs';
 
+import {VERBS} from './contract.mjs';
 import {readContract} from './embed.mjs';
 
 const all = {exchanges: 0, violations: 0, garbled: 0, cut: 0, large: 0};
@@ -30,7 +31,7 @@ for (const line of fs.readFileSync(process.argv[2], 'utf8').split('\n')) {
 const missing = [];
 
 for (const [path, item] of Object.entries(readContract().paths))
-	for (const verb of ['get', 'post', 'put', 'delete']) {
+	for (const verb of VERBS) {
 		const name = `${verb.toUpperCase()} ${path}`;
 
 		if (item[verb] && !Object.keys(seen[name] ?? {}).some((status) =>

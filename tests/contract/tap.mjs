@@ -17,7 +17,7 @@
 import fs from 'node:fs';
 import net from 'node:net';
 
-import {Contract} from './contract.mjs';
+import {Contract, mediaOf} from './contract.mjs';
 import {readContract} from './embed.mjs';
 import {Messages} from './messages.mjs';
 
@@ -136,8 +136,11 @@ class Exchange {
 
 	onAnswer(head, body, isWhole) {
 		const {request, status, headers} = head;
+		/* Clients end these wherever they like. */
+		const isStream = mediaOf(headers['content-type']) ===
+			'text/event-stream';
 
-		if (!isWhole)
+		if (!isWhole && !isStream)
 			totals.cut++;
 		else if (request?.method && !this.isGarbled)
 			judge(request, {status, headers, body});
@@ -167,6 +170,7 @@ function serve(client) {
 		});
 		from.on('error', () => to.resetAndDestroy());
 		from.on('close', (hadError) => {
+			messages.end();
 			if (hadError || !from.readableEnded)
 				to.destroy();
 		});

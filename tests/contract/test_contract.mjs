@@ -8,18 +8,19 @@
  */
 import assert from 'node:assert/strict';
 import {spawn, spawnSync} from 'node:child_process';
+import crypto from 'node:crypto';
 import fs from 'node:fs';
 import http from 'node:http';
+import os from 'node:os';
 import readline from 'node:readline';
 
-import {Contract} from './contract.mjs';
+import {Contract, VERBS} from './contract.mjs';
 import {CONTRACT, documentComponents, format, readContract} from './embed.mjs';
 import {Messages} from './messages.mjs';
 
 const text = fs.readFileSync(CONTRACT, 'utf8');
 const raw = readContract();
 const contract = new Contract(raw);
-const VERBS = ['get', 'post', 'put', 'delete'];
 
 /* Each operation: calls visit(path, verb, operation, place). */
 function forOperations(visit) {
@@ -110,24 +111,33 @@ function test_spectral_finds_nothing() {
 
 /* ---- against the daemon ---- */
 
-let daemon, url;
-
-async function startDaemon() {
-	daemon = spawn(process.env.BLOBFIELDD ?? 'build/blobfieldd',
+/* {child, url} of a daemon that has begun to listen. */
+async function startDaemon(...options) {
+	const child = spawn(process.env.BLOBFIELDD ?? 'build/blobfieldd',
 		['--listen', '127.0.0.1:0', '--quiet', '--no-measure',
-			'--no-cache'], {stdio: ['ignore', 'pipe', 'inherit']});
+			'--no-cache', '--data', ':memory:', ...options],
+		{stdio: ['ignore', 'pipe', 'inherit']});
+
 	for await (const line of readline.createInterface(
-		{input: daemon.stdout})) {
-		url = line.split(' ').pop();
-		break;
-	}
+		{input: child.stdout}))
+		return {child, url: line.split(' ').pop()};
+	throw new Error('the daemon has ended');
 }
 
+/* Its exit status. */
+function stopDaemon({child}) {
+	child.kill('SIGTERM');
+	return new Promise((resolve) => child.on('exit', resolve));
+}
+
+let daemon;
+
 /* The answer: {status, headers, body}. */
-function ask(method, path, body) {
+function ask(method, path, body, {url = daemon.url, headers = {}} = {}) {
 	return new Promise((resolve, reject) => {
+		const type = body ? {'Content-Type': 'application/json'} : {};
 		const request = http.request(url + path, {method, agent: false,
-			headers: body ? {'Content-Type': 'application/json'} : {}});
+			headers: {...type, ...headers}});
 
 		request.on('error', reject);
 		request.on('response', (answer) => {
@@ -177,6 +187,62 @@ async function test_methods_are_those_of_the_daemon() {
 		assert.deepEqual(contract.checkAnswer({method: 'OPTIONS'}, answer,
 			contract.find('OPTIONS', target)), [], path);
 	}
+}
+
+const ROLES = ['read', 'evaluate', 'write', 'admin'];
+
+/* A file of tokens, one for each role, whose secret is its name. */
+function writeTokens(folder) {
+	const file = `${folder}/tokens.json`;
+
+	fs.writeFileSync(file, JSON.stringify({tokens: ROLES.map((role) =>
+		({name: role, role, sha256: crypto.createHash('sha256')
+			.update(role).digest('hex')}))}), {mode: 0o600});
+	return file;
+}
+
+/* The role that the daemon asks for; null: none. */
+async function roleAskedFor(verb, path, url) {
+	const request = [verb.toUpperCase(), path.replace('{id}', 'x')];
+	const {status, headers} = await ask(...request, '', {url});
+
+	if (status !== 401)
+		return null;
+	assert.equal(headers['www-authenticate'], 'Bearer realm="blobfield"');
+	const {headers: {'www-authenticate': challenge}} = await ask(...request,
+		'', {url, headers: {Authorization: 'Bearer read'}});
+
+	return challenge ? /scope="(.*)"/.exec(challenge)[1] : 'read';
+}
+
+async function test_roles_are_those_of_the_daemon() {
+	const folder = fs.mkdtempSync(`${os.tmpdir()}/contract-`);
+	const closed = await startDaemon('--tokens', writeTokens(folder));
+	const wanted = [], found = [];
+
+	forOperations((path, verb, operation) => wanted.push([verb, path,
+		operation.security.length ? operation.security[0].bearer[0] :
+			null]));
+	for (const [verb, path] of wanted)
+		found.push([verb, path, await roleAskedFor(verb, path,
+			closed.url)]);
+	const status = await stopDaemon(closed);
+
+	fs.rmSync(folder, {recursive: true});
+	assert.deepEqual(found, wanted);
+	assert.equal(status, 0);
+}
+
+/* 401, 403 and 429 are where tokens are asked for, 403 where one may have too
+ * small a role. */
+function test_refusals_are_those_of_the_role() {
+	forOperations((path, verb, {security, responses}) => {
+		const role = security[0]?.bearer[0];
+
+		assert.deepEqual([401, 403, 429].filter((s) => responses[s]),
+			!role ? [] : role === 'read' ? [401, 429] : [401, 403, 429],
+			`${verb} ${path}`);
+	});
 }
 
 async function test_the_daemon_serves_it() {
@@ -285,8 +351,8 @@ function judged(change, {method = 'GET', path = '/v1/scenes/x/bounds'} = {}) {
 	const box = {min: [0, 0, 0], max: [1, 1, 1]};
 	const answer = {status: 200, headers: {
 		'content-type': 'application/json', 'date': 'today',
-		'etag': `"${'0'.repeat(32)}"`}, json: {...box, bounded: true,
-		empty: false, surface: box}};
+		'x-request-id': 'a1', 'etag': `"${'0'.repeat(32)}"`},
+	json: {...box, bounded: true, empty: false, surface: box}};
 
 	change(answer);
 	answer.body = Buffer.from(answer.text ?? JSON.stringify(answer.json));
@@ -302,13 +368,16 @@ function test_judge_passes_what_is_right() {
 function test_judge_finds_what_is_wrong() {
 	const problem = (a, status, slug) => {
 		a.status = status;
-		a.headers = {'content-type': 'application/problem+json'};
+		a.headers = {'content-type': 'application/problem+json',
+			'x-request-id': 'a1'};
 		a.json = {type: `/problems/${slug}`, title: 't', status};
 	};
 
 	assert.match(judged((a) => { a.status = 202; }), /status 202/);
 	assert.match(judged((a) => { delete a.headers.etag; }), /ETag is miss/);
 	assert.match(judged((a) => { a.headers.etag = 'x'; }), /ETag: 'x'/);
+	assert.match(judged((a) => { delete a.headers['x-request-id']; }),
+		/X-Request-Id is missing/);
 	assert.match(judged((a) => { a.headers['x-new'] = '1'; }), /x-new/);
 	assert.match(judged((a) => { a.headers['content-type'] = 'text/plain'; }),
 		/text\/plain is not listed/);
@@ -320,6 +389,53 @@ function test_judge_finds_what_is_wrong() {
 	assert.match(judged((a) => problem(a, 503, 'draining')), /Retry-After/);
 	assert.match(judged(() => {}, {path: '/v1/nowhere'}), /404/);
 	assert.match(judged(() => {}, {method: 'PATCH'}), /405/);
+}
+
+function streamed(text) {
+	const path = '/v1/scenes/x/events';
+
+	return contract.checkAnswer({method: 'GET'}, {status: 200,
+		body: Buffer.from(text), headers: {'x-request-id': 'a1',
+			'content-type': 'text/event-stream',
+			'cache-control': 'no-store', 'x-accel-buffering': 'no'}},
+	contract.find('GET', path)).join('; ');
+}
+
+function test_judge_reads_events() {
+	const data = {id: 'x', sequence: '12', time: '2026-11-22T13:35:32.123Z'};
+	const text = (kind, more = {}, id = 12) => `id: ${id}\nevent: ${kind}\n` +
+		`data: ${JSON.stringify({...data, ...more})}\n\n`;
+	const revision = {revision: '0'.repeat(32), nodes: 1, bytes: 9};
+	const head = 'retry: 2000\n\n';
+
+	assert.equal(streamed(head + text('revision', revision) +
+		': alive\n\n' + text('deleted', {missed: true})), '');
+	assert.equal(streamed(head + 'id: 13\nevent: dele'), '');
+	assert.match(streamed(text('deleted')), /retry/);
+	assert.match(streamed(head + text('revision')), /revision/);
+	assert.match(streamed(head + text('deleted', {}, 13)), /id 13/);
+	assert.match(streamed(head + text('moved')), /moved is not listed/);
+	assert.match(streamed(head + 'event: deleted\ndata: {\n\n'), /JSON/);
+}
+
+function test_judge_knows_preflights() {
+	const options = (allow, more) => contract.checkAnswer(
+		{method: 'OPTIONS'}, {status: 204, headers: {allow,
+			'x-request-id': 'a1', ...more}},
+		contract.find('OPTIONS', '/v1/scenes/x')).join('; ');
+	const methods = 'GET, HEAD, PUT, PATCH, DELETE, OPTIONS';
+	const patch = {'accept-patch': 'application/json-patch+json, ' +
+		'application/merge-patch+json'};
+
+	assert.equal(options(methods, patch), '');
+	assert.equal(options(methods, {...patch, 'vary': 'Origin',
+		'access-control-allow-origin': 'https://a.example',
+		'access-control-allow-methods': methods,
+		'access-control-allow-headers': 'Authorization',
+		'access-control-max-age': '600'}), '');
+	assert.match(options('GET, HEAD, OPTIONS', patch), /Allow is/);
+	assert.match(options(methods, {}), /Accept-Patch/);
+	assert.match(options(methods, {...patch, etag: '"x"'}), /etag/);
 }
 
 function requested(headers, body, query = '') {
@@ -387,16 +503,19 @@ const cases = [test_document_components_are_the_document_schema,
 	test_every_error_is_problem_json, test_spectral_finds_nothing,
 	test_routes_are_those_of_the_daemon,
 	test_query_parameters_are_those_of_the_daemon,
-	test_methods_are_those_of_the_daemon, test_the_daemon_serves_it,
+	test_methods_are_those_of_the_daemon,
+	test_roles_are_those_of_the_daemon,
+	test_refusals_are_those_of_the_role, test_the_daemon_serves_it,
 	test_what_the_contract_excludes_is_refused,
 	test_what_the_contract_allows_is_taken,
 	test_judge_passes_what_is_right, test_judge_finds_what_is_wrong,
+	test_judge_reads_events, test_judge_knows_preflights,
 	test_judge_reads_requests,
 	test_messages_are_found_however_they_are_cut,
 	test_messages_end_with_the_stream];
 let failed = 0;
 
-await startDaemon();
+daemon = await startDaemon();
 for (const run of cases) {
 	console.log(`[ RUN      ] ${run.name}`);
 	try {
@@ -408,6 +527,4 @@ for (const run of cases) {
 		failed = 1;
 	}
 }
-daemon.kill('SIGTERM');
-process.exitCode = await new Promise((resolve) =>
-	daemon.on('exit', (status) => resolve(failed || status)));
+process.exitCode = failed | await stopDaemon(daemon);
