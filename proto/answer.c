@@ -34,13 +34,11 @@ static size_t room_for(size_t count, unsigned outputs)
 	    FRAME_ROOM + count * row;
 }
 
-enum err answer_json(const float *rows, size_t count, unsigned outputs,
-    unsigned flags, char **out, size_t *length)
+/* Prints all of print, which has not begun. */
+static enum err print_whole(struct answer_print print, char **out,
+    size_t *length)
 {
-	struct answer_print print = {.rows = rows, .count = count,
-	    .outputs = outputs, .flags = flags,
-	    .stride = (size_t)output_row_floats(outputs)};
-	const size_t room = room_for(count, outputs);
+	const size_t room = room_for(print.count, print.outputs);
 	char *text, *trimmed;
 
 	text = room ? malloc(room) : NULL;
@@ -53,7 +51,25 @@ enum err answer_json(const float *rows, size_t count, unsigned outputs,
 	return ERR_OK;
 }
 
-size_t answer_npy_header(size_t count, int columns,
+enum err answer_json(const float *rows, size_t count, unsigned outputs,
+    unsigned flags, char **out, size_t *length)
+{
+	return print_whole((struct answer_print){.rows = rows, .count = count,
+	    .outputs = outputs, .flags = flags,
+	    .stride = (size_t)output_row_floats(outputs)}, out, length);
+}
+
+enum err answer_grid_json(const float *rows, const size_t counts[static 3],
+    unsigned outputs, unsigned flags, char **out, size_t *length)
+{
+	return print_whole((struct answer_print){.rows = rows,
+	    .count = counts[0] * counts[1] * counts[2], .outputs = outputs,
+	    .flags = flags, .stride = (size_t)output_row_floats(outputs),
+	    .counts = counts}, out, length);
+}
+
+/* The header of an array of that shape, a Python tuple. */
+static size_t npy_header(const char *shape,
     char out[static ANSWER_NPY_HEADER_MAX])
 {
 	/* Magic, version 1.0, and two bytes for the length of the rest. */
@@ -63,7 +79,7 @@ size_t answer_npy_header(size_t count, int columns,
 	memcpy(out, "\x93NUMPY\x01\x00", 8);
 	n = start + (size_t)snprintf(out + start,
 	    ANSWER_NPY_HEADER_MAX - start, "{'descr': '<f4', "
-	    "'fortran_order': False, 'shape': (%zu, %d), }", count, columns);
+	    "'fortran_order': False, 'shape': %s, }", shape);
 	total = (n + 1 + 63) / 64 * 64;
 	assert(total <= ANSWER_NPY_HEADER_MAX);
 	memset(out + n, ' ', total - n - 1);
@@ -71,6 +87,27 @@ size_t answer_npy_header(size_t count, int columns,
 	out[8] = (char)((total - start) & 0xff);
 	out[9] = (char)((total - start) >> 8);
 	return total;
+}
+
+size_t answer_npy_header(size_t count, int columns,
+    char out[static ANSWER_NPY_HEADER_MAX])
+{
+	char shape[40];
+
+	snprintf(shape, sizeof shape, "(%zu, %d)", count, columns);
+	return npy_header(shape, out);
+}
+
+size_t answer_grid_npy_header(const size_t counts[static 3], int columns,
+    char out[static ANSWER_NPY_HEADER_MAX])
+{
+	char shape[48], last[16] = "";
+
+	if (columns > 1)
+		snprintf(last, sizeof last, ", %d", columns);
+	snprintf(shape, sizeof shape, "(%zu, %zu, %zu%s)", counts[0],
+	    counts[1], counts[2], last);
+	return npy_header(shape, out);
 }
 
 /* Adds text as clean UTF-8. */

@@ -28,10 +28,20 @@ enum answer_flag {
 enum err answer_json(const float *rows, size_t count, unsigned outputs,
     unsigned flags, char **out, size_t *length);
 
+/* The same for a regular grid of counts[0] * counts[1] * counts[2] rows, the
+ * last axis fastest: "counts": [nx,ny,nz] stands before the arrays. */
+enum err answer_grid_json(const float *rows, const size_t counts[static 3],
+    unsigned outputs, unsigned flags, char **out, size_t *length);
+
 /* The header of an npy 1.0 file of shape (count, columns), '<f4', C order, to
  * out; returns its length, a multiple of 64. */
 #define ANSWER_NPY_HEADER_MAX 128
 size_t answer_npy_header(size_t count, int columns,
+    char out[static ANSWER_NPY_HEADER_MAX]);
+
+/* The same of a grid, counts up to 10^8 each: shape (nx, ny, nz, columns), or
+ * (nx, ny, nz) of one column. */
+size_t answer_grid_npy_header(const size_t counts[static 3], int columns,
     char out[static ANSWER_NPY_HEADER_MAX]);
 
 /*

@@ -93,9 +93,15 @@ static char *put_name(struct answer_print *p, char *out)
 
 static char *put_head(struct answer_print *p, char *out)
 {
+	const size_t *n = p->counts;
+
 	p->is_begun = true;
-	return out + sprintf(out, "{\"count\":%zu%s", p->count,
+	out += sprintf(out, "{\"count\":%zu%s", p->count,
 	    p->flags & ANSWER_DRAFT ? ",\"draft\":true" : "");
+	if (n != NULL)
+		out += sprintf(out, ",\"counts\":[%zu,%zu,%zu]", n[0], n[1],
+		    n[2]);
+	return out;
 }
 
 static char *put_end_of_part(struct answer_print *p, char *out)

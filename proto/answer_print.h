@@ -12,13 +12,14 @@
  * the head. */
 #define ANSWER_PRINT_LEAST 128
 
-/* An answer being printed; arguments as answer_json. Start with these five and
+/* An answer being printed; arguments as answer_json. Start with these six and
  * 0. */
 struct answer_print {
 	const float *rows; /* borrowed */
 	size_t count;
 	unsigned outputs, flags;
 	size_t stride;     /* floats of a row */
+	const size_t *counts; /* of a grid, three; borrowed; NULL: none */
 	size_t part;       /* being printed: one of the outputs */
 	size_t first;      /* its first float in a row */
 	size_t row;

@@ -25,6 +25,12 @@ enum err answer_stream_create(const float *rows, size_t count,
 	return ERR_OK;
 }
 
+void answer_stream_set_counts(struct answer_stream *s,
+    const size_t counts[static 3])
+{
+	s->print.counts = counts;
+}
+
 void answer_stream_free(struct answer_stream *s)
 {
 	free(s);

@@ -14,6 +14,11 @@ struct answer_stream;
 enum err answer_stream_create(const float *rows, size_t count,
     unsigned outputs, unsigned flags, struct answer_stream **out);
 
+/* The answer is a grid's, as answer_grid_json; before anything is read. Borrows
+ * counts. */
+void answer_stream_set_counts(struct answer_stream *s,
+    const size_t counts[static 3]);
+
 /* Frees s; NULL does nothing. */
 void answer_stream_free(struct answer_stream *s);
 

@@ -83,8 +83,7 @@ enum err outputs_from_list(const char *value, const char *pointer,
 	return ERR_OK;
 }
 
-/* The same for a JSON array of names. */
-static enum err outputs_from_json(const cJSON *list,
+enum err outputs_from_json(const struct cJSON *list,
     const struct json_place *place, unsigned *outputs, struct faults *faults)
 {
 	struct json_place at = json_element(place, 0);

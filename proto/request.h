@@ -10,9 +10,11 @@
 #include "core/err.h"
 #include "proto/points.h"
 
+struct cJSON;
 struct document;
 struct document_limits;
 struct faults;
+struct json_place;
 
 enum media_type {
 	MEDIA_JSON,    /* application/json */
@@ -69,6 +71,10 @@ bool media_choose(const char *value, unsigned mask, enum media_type first,
  */
 enum err outputs_from_list(const char *value, const char *pointer,
     unsigned *outputs, struct faults *faults);
+
+/* The same for a JSON array of names, which is at place. */
+enum err outputs_from_json(const struct cJSON *list,
+    const struct json_place *place, unsigned *outputs, struct faults *faults);
 
 /* An evaluation as a JSON body says it. Start with {0}; eval_request_fini. */
 struct eval_request {

@@ -268,6 +268,9 @@ static struct evaluation *create(struct exchange *x,
 	e->points = *request->points;
 	*request->points = (struct points){0};
 	e->flat = e->points.flat;
+	e->is_grid = request->counts != NULL;
+	if (e->is_grid)
+		memcpy(e->counts, request->counts, sizeof e->counts);
 	e->accept = terms->accept;
 	e->is_large = is_large(count, request->outputs);
 	e->in_pieces = e->is_large && e->accept != MEDIA_JSON;

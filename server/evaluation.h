@@ -64,6 +64,8 @@ struct evaluation_request {
 	unsigned outputs;
 	const struct evaluation_terms *terms;
 	const char *etag;        /* of the revision; NULL: none */
+	const size_t *counts;    /* points are a grid of so many along x, y, z,
+	                          * z fastest; NULL: a list */
 };
 
 /* Queues the evaluation and has x wait for it; or answers x at once. Releases

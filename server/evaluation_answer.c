@@ -117,13 +117,21 @@ static ptrdiff_t read_rows(void *ctx, char *out, size_t size)
 	return (ptrdiff_t)n;
 }
 
+static size_t npy_header(const struct evaluation *e,
+    char out[static ANSWER_NPY_HEADER_MAX])
+{
+	const int columns = output_row_floats(e->job.outputs);
+
+	return e->is_grid ? answer_grid_npy_header(e->counts, columns, out) :
+	    answer_npy_header(e->job.count, columns, out);
+}
+
 static void stream_rows(struct exchange *x, struct evaluation *e)
 {
 	size_t rows = e->job.count * row_bytes(e);
 
 	if (e->accept == MEDIA_NPY)
-		e->head_length = answer_npy_header(e->job.count,
-		    output_row_floats(e->job.outputs), e->head);
+		e->head_length = npy_header(e, e->head);
 	exchange_reply_stream(x, e->accept, &(struct exchange_stream){
 		.read = read_rows,
 		.ctx = e,
@@ -170,6 +178,8 @@ static enum err stream_json(struct exchange *x, struct evaluation *e,
 
 	if (err != ERR_OK)
 		return err;
+	if (e->is_grid)
+		answer_stream_set_counts(e->text, e->counts);
 	exchange_reply_stream(x, MEDIA_JSON, &(struct exchange_stream){
 		.read = read_text,
 		.ctx = e,
@@ -184,8 +194,11 @@ static enum err print_json(struct exchange *x, struct evaluation *e,
 {
 	size_t length;
 	char *text;
-	enum err err = answer_json(e->job.rows, e->job.count, e->job.outputs,
-	    flags, &text, &length);
+	enum err err = e->is_grid ?
+	    answer_grid_json(e->job.rows, e->counts, e->job.outputs, flags,
+	    &text, &length) :
+	    answer_json(e->job.rows, e->job.count, e->job.outputs, flags,
+	    &text, &length);
 
 	if (err != ERR_OK)
 		return err;
@@ -218,8 +231,7 @@ static void reply_rows(struct exchange *x, struct evaluation *e)
 	size_t header_length;
 
 	if (e->accept == MEDIA_NPY) {
-		header_length = answer_npy_header(e->job.count,
-		    output_row_floats(e->job.outputs), header);
+		header_length = npy_header(e, header);
 		exchange_reply_two(x, MEDIA_NPY, header, header_length,
 		    e->job.rows, length);
 	} else {

@@ -118,6 +118,13 @@ static bool check_query(struct exchange *x, struct evaluation_terms *out)
 	return false;
 }
 
+bool evaluation_body_head(struct exchange *x, unsigned types,
+    enum media_type *type, struct evaluation_terms *out)
+{
+	return exchange_check_content_type(x, types, type) &&
+	    check_accept(x, &out->accept) && check_query(x, out);
+}
+
 /* Has x's body go to a stream. */
 static void begin_stream(struct exchange *x,
     const struct eval_stream_options *options,
@@ -146,8 +153,7 @@ static void open_body(struct exchange *x, unsigned types, bool with_scene)
 	};
 	struct evaluation_terms terms;
 
-	if (exchange_check_content_type(x, types, &options.type) &&
-	    check_accept(x, &terms.accept) && check_query(x, &terms))
+	if (evaluation_body_head(x, types, &options.type, &terms))
 		begin_stream(x, &options, &terms);
 }
 

@@ -4,6 +4,8 @@
 #ifndef SERVER_EVALUATION_BODY_H
 #define SERVER_EVALUATION_BODY_H
 
+#include <stdbool.h>
+
 #include "core/err.h"
 #include "proto/request.h"
 #include "server/evaluation.h"
@@ -18,6 +20,14 @@ struct faults;
  */
 void evaluation_body_open_eval(struct exchange *x);
 void evaluation_body_open_scene_eval(struct exchange *x);
+
+/*
+ * The same checks for a handler whose body is small and kept whole: its type,
+ * one of types (1u << MEDIA_*), and what the head asks for, in *out; or answers
+ * x: false.
+ */
+bool evaluation_body_head(struct exchange *x, unsigned types,
+    enum media_type *type, struct evaluation_terms *out);
 
 /*
  * For their handlers: what the body holds, as eval_stream_finish says, in *out

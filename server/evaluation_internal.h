@@ -44,6 +44,8 @@ struct evaluation {
 	struct points points; /* freed when the job is done */
 	enum media_type accept;
 	bool flat;            /* as points.flat */
+	bool is_grid;
+	size_t counts[3];     /* of the grid */
 	bool is_large;        /* its answer leaves as it is made */
 	bool in_pieces;       /* ... and its rows come in pieces */
 	char etag[ETAG_SIZE]; /* "": none */

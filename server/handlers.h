@@ -40,6 +40,9 @@ void handle_metrics(struct exchange *x);
 /* handle_scene_eval.c */
 void handle_scene_eval(struct exchange *x);
 
+/* handle_grid.c */
+void handle_grid(struct exchange *x);
+
 /* handle_scene_bounds.c */
 void handle_scene_bounds(struct exchange *x);
 

@@ -55,6 +55,9 @@ static const struct route routes[] = {
 	    " outputs priority deadline", true, evaluation_body_open_scene_eval,
 	    false, handle_scene_eval, "evaluate it at points: {points, "
 	    "outputs}, raw float32 or npy"},
+	{"POST", "/v1/scenes/{id}/grid", ROLE_EVALUATE,
+	    " outputs priority deadline", true, NULL, false, handle_grid,
+	    "evaluate it on a regular grid: {min, max, counts, outputs}"},
 	{"GET", "/v1/scenes/{id}/bounds", ROLE_READ, "", false, NULL, false,
 	    handle_scene_bounds, "a box that its field is 0 outside of"},
 	{"POST", "/v1/scenes/{id}/opening-angle", ROLE_EVALUATE, "", true, NULL,

@@ -131,6 +131,11 @@ call 200 POST "/v1/scenes/$id/eval" -H "$json" \
 	-d '{"points": [0,0,2.6], "outputs": ["value", "gradient", "hessian"]}'
 call 200 POST "/v1/scenes/$id/eval?outputs=value&deadline=60" -H "$octets" \
 	-H 'Accept: application/x-npy' --data-binary "@$work/points"
+call 200 POST "/v1/scenes/$id/grid" -H "$json" \
+	-d '{"min": [-1,0,0], "max": [1,0,2.6], "counts": [3,1,5]}'
+call 200 POST "/v1/scenes/$id/grid?outputs=value" -H "$json" \
+	-H 'Accept: application/x-npy' \
+	-d '{"min": [-1,-0.5,0], "max": [1,0.5,3], "counts": [8,4,12]}'
 call 200 GET "/v1/scenes/$id/bounds"
 call 200 POST "/v1/scenes/$id/opening-angle" -H "$json" \
 	-d '{"node": "letter", "point": [0.1, 0, 2.4]}'

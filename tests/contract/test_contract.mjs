@@ -286,6 +286,7 @@ const bodies = {
 	mesh: {resolution: 4},
 	raycast: {rays: [[0, 0, 5, 0, 0, -1]]},
 	project: {points: [[0, 0, 2]]},
+	grid: {min: [0, 0, 0], max: [1, 1, 1], counts: [2, 1, 2]},
 	'opening-angle': {node: 'u', point: [1, 0, 0]},
 };
 const ball = (x) => ({type: 'point', center: [x, 0, 0], radius: 1});

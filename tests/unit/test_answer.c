@@ -131,6 +131,45 @@ static void test_npy_header(void **unused)
 	assert_int_equal(answer_npy_header(SIZE_MAX, 10, header), 128);
 }
 
+static void test_json_of_a_grid_has_its_counts(void **unused)
+{
+	static const size_t counts[] = {2, 1, 1};
+	static const char expected[] = "{\"count\":2,\"draft\":true,"
+	    "\"counts\":[2,1,1],\"gradient\":[0.5,1,-2,0.25,1,2]}";
+	size_t length;
+	char *text;
+
+	(void)unused;
+	assert_int_equal(answer_grid_json(rows, counts, OUTPUT_GRADIENT,
+	    ANSWER_FLAT | ANSWER_DRAFT, &text, &length), ERR_OK);
+	assert_int_equal(length, sizeof expected - 1);
+	assert_memory_equal(text, expected, length);
+	free(text);
+}
+
+static void check_grid_header(const size_t counts[3], int columns,
+    const char *shape)
+{
+	char header[ANSWER_NPY_HEADER_MAX], expected[128];
+
+	snprintf(expected, sizeof expected, "{'descr': '<f4', "
+	    "'fortran_order': False, 'shape': %s, }", shape);
+	assert_int_equal(answer_grid_npy_header(counts, columns, header), 128);
+	assert_memory_equal(header + 10, expected, strlen(expected));
+	assert_int_equal(header[127], '\n');
+}
+
+static void test_npy_header_of_a_grid(void **unused)
+{
+	static const size_t counts[] = {3, 1, 2};
+	static const size_t most[] = {100000000, 100000000, 100000000};
+
+	(void)unused;
+	check_grid_header(counts, 1, "(3, 1, 2)");
+	check_grid_header(counts, 4, "(3, 1, 2, 4)");
+	check_grid_header(most, 18, "(100000000, 100000000, 100000000, 18)");
+}
+
 static void test_npy_header_is_read_back(void **unused)
 {
 	char file[ANSWER_NPY_HEADER_MAX + 24];
@@ -271,6 +310,8 @@ int main(void)
 		cmocka_unit_test(test_json_of_the_longest_numbers_fits),
 		cmocka_unit_test(test_json_too_large_is_out_of_memory),
 		cmocka_unit_test(test_npy_header),
+		cmocka_unit_test(test_json_of_a_grid_has_its_counts),
+		cmocka_unit_test(test_npy_header_of_a_grid),
 		cmocka_unit_test(test_npy_header_is_read_back),
 		cmocka_unit_test(test_problems),
 		cmocka_unit_test(test_problems_count_the_faults_left_out),

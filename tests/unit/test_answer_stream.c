@@ -87,6 +87,32 @@ static void check(size_t count, unsigned outputs, unsigned flags)
 	free(rows);
 }
 
+static void test_pieces_of_a_grid_are_the_whole(void **unused)
+{
+	static const size_t counts[] = {1, 3, 4};
+	float *rows = random_floats(12 * 4);
+	struct answer_stream *s;
+	char piece[ANSWER_STREAM_LEAST];
+	size_t length, n, at = 0;
+	char *text;
+
+	(void)unused;
+	assert_int_equal(answer_grid_json(rows, counts, OUTPUT_VALUE |
+	    OUTPUT_GRADIENT, 0, &text, &length), ERR_OK);
+	assert_int_equal(answer_stream_create(rows, 12, OUTPUT_VALUE |
+	    OUTPUT_GRADIENT, 0, &s), ERR_OK);
+	answer_stream_set_counts(s, counts);
+	while ((n = answer_stream_read(s, piece, sizeof piece)) > 0) {
+		assert_in_range(at + n, 0, length);
+		assert_memory_equal(piece, text + at, n);
+		at += n;
+	}
+	assert_int_equal(at, length);
+	answer_stream_free(s);
+	free(text);
+	free(rows);
+}
+
 static void test_pieces_are_the_whole_for_all_outputs_and_flags(void **unused)
 {
 	unsigned outputs, flags;
@@ -152,6 +178,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(
 		    test_pieces_are_the_whole_for_all_outputs_and_flags),
+		cmocka_unit_test(test_pieces_of_a_grid_are_the_whole),
 		cmocka_unit_test(test_pieces_of_many_rows),
 		cmocka_unit_test(test_no_rows_and_no_stream),
 		cmocka_unit_test(test_every_allocation_may_fail),
