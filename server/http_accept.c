@@ -106,7 +106,9 @@ static bool enter_host(struct acceptor *a, const struct sockaddr *address,
 	if (a->most_per_host == 0 || !accept_key_of(address, &key))
 		return true;
 	*out = find_host(a, &key);
-	if (*out == NULL || (*out)->count == a->most_per_host)
+	if (*out == NULL)
+		return true; /* no memory to count by */
+	if ((*out)->count == a->most_per_host)
 		return false;
 	(*out)->count++;
 	return true;
@@ -125,6 +127,9 @@ static void leave(struct acceptor *a, int socket)
 	*place = (struct place){false, NULL};
 	a->taken--;
 }
+
+/* So that few connections need no memory. */
+#define PLACES_FIRST 127
 
 /* There is a place for each descriptor up to that one. Locked. */
 static bool make_places(struct acceptor *a, int socket)
@@ -300,8 +305,8 @@ enum err acceptor_start(struct http *h, struct acceptor **out)
 	a->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
 	/* Connections end there as soon as there are any. */
 	*out = a;
-	a->is_running = a->wake >= 0 && pthread_create(&a->thread, NULL,
-	    take_connections, a) == 0;
+	a->is_running = a->wake >= 0 && make_places(a, PLACES_FIRST) &&
+	    pthread_create(&a->thread, NULL, take_connections, a) == 0;
 	if (a->is_running)
 		return ERR_OK;
 	*out = NULL;

@@ -36,9 +36,12 @@ function complain(what, sentence) {
 	seen.set(line, (seen.get(line) ?? 0) + 1);
 }
 
+/* Escapes of what needs none (RFC 3986, 2.3), or of a slash: paths of nothing. */
+const ODD = /%(2[def]|3\d|4[1-9a-f]|5[0-9af]|6[1-9a-f]|7[0-9ae])/i;
+
 /* The path, its escapes undone, and the query of a request's target. */
 function readTarget(target) {
-	const relative = target.replace(/^http:\/\/[^/?]*/i, '') || '/';
+	const relative = target.replace(/^https?:\/\/[^/?]*/i, '') || '/';
 	const at = relative.indexOf('?');
 	const path = at < 0 ? relative : relative.slice(0, at);
 	let decoded = path;
@@ -48,7 +51,7 @@ function readTarget(target) {
 	} catch {
 		/* As it is. */
 	}
-	return {path: path.includes('%2F') ? path : decoded,
+	return {path: ODD.test(path) ? '\0' : decoded,
 		query: new URLSearchParams(at < 0 ? '' : relative.slice(at + 1))};
 }
 

@@ -732,6 +732,10 @@ static void test_strangers_are_limited_by_address(void **state)
 	struct place *p = *state;
 	int refused = 0;
 
+	if (getenv("BLOBFIELD_PROXY") != NULL) {
+		printf("skipped: behind a proxy all have its address\n");
+		skip();
+	}
 	write_file(p, ",{\"name\": \"anonymous\", \"role\": \"read\", "
 	    "\"limits\": {\"requests_per_second\": 0.01}}");
 	kill(p->daemon.pid, SIGHUP);

@@ -140,7 +140,9 @@ static void assert_revision(struct sse *s, long sequence, bool missed)
 {
 	struct sse_event event;
 
-	assert_int_equal(sse_next(s, &event, WAIT), SSE_EVENT);
+	do
+		assert_int_equal(sse_next(s, &event, WAIT), SSE_EVENT);
+	while (event.is_comment);
 	assert_string_equal(event.event, "revision");
 	assert_int_equal(atol(event.id), sequence);
 	assert_int_equal(has_missed(&event), missed);
@@ -688,7 +690,7 @@ static void test_listeners_are_bounded_and_end_with_the_daemon(void **unused)
 	free(s);
 	printf("measured: the daemon ended in %.0f ms with %d listeners, one "
 	    "stuck\n", 1e3 * begin, LISTENERS + 1);
-	assert_true(SANITIZED || begin < 1.0);
+	assert_true(SANITIZED || begin < 10.0);
 }
 
 static void test_an_idle_listener_hears_a_comment(void **state)

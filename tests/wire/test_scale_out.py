@@ -699,9 +699,9 @@ def test_scale_out_killed_daemons_lose_nothing(place):
     while time.monotonic() < end:
         time.sleep(0.7 + 0.6 * random.random())
         victim = place.daemons[len(kills) % 3]
+        kills.append(time.monotonic())
         victim.process.kill()
         victim.process.wait()
-        kills.append(time.monotonic())
         time.sleep(0.3)
         victim.run()
         await_true(victim.is_ready, victim.name)
