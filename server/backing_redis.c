@@ -59,6 +59,24 @@ void backing_redis_note(struct backing_redis *b, bool is_well,
 
 /* ---- changes ---- */
 
+void backing_redis_note_made(struct backing_redis *b, struct scene_seq seq,
+    const char *prev)
+{
+	struct scene_seq before = seq;
+
+	if (prev != NULL && !scene_seq_parse(prev, &before))
+		before = (struct scene_seq){0, 0};
+	pthread_mutex_lock(&b->lock);
+	if (scene_seq_compare(before, b->made) < 0 &&
+	    b->state == STATE_LOADED) {
+		b->state = STATE_STALE;
+		log_write(LOG_WARNING, "redis %s: %s; loading all anew",
+		    b->url.shown, BACKING_REDIS_NEWEST_LOST);
+	}
+	b->made = seq;
+	pthread_mutex_unlock(&b->lock);
+}
+
 /* A change on its way. */
 struct sent {
 	struct backing_write *write;
@@ -115,8 +133,9 @@ static void put_call(struct backing_redis *b, struct sent *s,
 	backing_redis_call_text(call, latest);
 }
 
-/* It is made, as change seq. */
-static void finish(struct sent *s, const char *seq)
+/* It is made, as change seq, after change prev (NULL: unknown). */
+static void finish(struct backing_redis *b, struct sent *s, const char *seq,
+    const char *prev)
 {
 	struct backing_revision *r = &s->write->revision;
 
@@ -126,6 +145,7 @@ static void finish(struct sent *s, const char *seq)
 		return;
 	r->time = 1e-3 * (double)r->seq.major;
 	s->write->result = ERR_OK;
+	backing_redis_note_made(b, r->seq, prev);
 }
 
 /* What was there before. */
@@ -156,8 +176,8 @@ static void read_result(struct backing_redis *b, struct sent *s,
 		backing_redis_note(b, false, reply->str);
 		fail(s, ERR_UNAVAILABLE);
 	} else if (strcmp(word, "ok") == 0 &&
-	    backing_redis_has_strings(reply, 4)) {
-		finish(s, reply->element[1]->str);
+	    backing_redis_has_strings(reply, 5)) {
+		finish(b, s, reply->element[1]->str, reply->element[4]->str);
 		note_found(s->write, reply);
 	} else if (strcmp(word, "conflict") == 0) {
 		fail(s, ERR_CONFLICT);
@@ -224,8 +244,8 @@ static void note_doubts(struct backing_redis *b, const struct sent *list,
 	pthread_mutex_unlock(&b->lock);
 }
 
-static void read_settled(struct sent *list, size_t count,
-    const redisReply *reply)
+static void read_settled(struct backing_redis *b, struct sent *list,
+    size_t count, const redisReply *reply)
 {
 	size_t at = 0;
 
@@ -237,7 +257,7 @@ static void read_settled(struct sent *list, size_t count,
 		seq = at < reply->elements ? reply->element[at]->str : "";
 		at++;
 		if (seq != NULL && seq[0] != '\0')
-			finish(&list[i], seq);
+			finish(b, &list[i], seq, NULL);
 		else
 			fail(&list[i], ERR_UNAVAILABLE);
 	}
@@ -269,7 +289,7 @@ static void look_up(struct backing_redis *b, struct sent *list, size_t count,
 	if (reply == NULL)
 		return;
 	if (reply->type == REDIS_REPLY_ARRAY)
-		read_settled(list, count, reply);
+		read_settled(b, list, count, reply);
 	freeReplyObject(reply);
 }
 
@@ -505,13 +525,20 @@ static bool is_word(const redisReply *reply, const char *word)
 }
 
 /* As its script says what has become of it. */
-static enum err read_volume_result(const redisReply *reply)
+static enum err read_volume_result(struct backing_redis *b,
+    const redisReply *reply)
 {
+	struct scene_seq seq;
+
 	if (reply == NULL || is_word(reply, "late"))
 		return ERR_UNAVAILABLE;
 	if (is_word(reply, "early"))
 		return ERR_BUSY;
-	return reply->len == 0 ? ERR_NOT_FOUND : ERR_OK;
+	if (reply->len == 0)
+		return ERR_NOT_FOUND;
+	if (scene_seq_parse(reply->str, &seq))
+		backing_redis_note_made(b, seq, NULL);
+	return ERR_OK;
 }
 
 static enum err change_volume(struct backing_redis *b, const char *kind,
@@ -535,7 +562,7 @@ static enum err change_volume(struct backing_redis *b, const char *kind,
 	pthread_mutex_lock(&b->lock);
 	b->settled = b->begun;
 	pthread_mutex_unlock(&b->lock);
-	err = read_volume_result(reply);
+	err = read_volume_result(b, reply);
 	freeReplyObject(reply);
 	end(b);
 	return err;
@@ -773,6 +800,15 @@ static void set_state(struct backing_redis *b, enum backing_redis_state state,
 	pthread_mutex_unlock(&b->lock);
 }
 
+/* What is made from now on is to be there when it is loaded. */
+static void note_loading(struct backing_redis *b)
+{
+	pthread_mutex_lock(&b->lock);
+	b->state = STATE_LOADING;
+	b->made = (struct scene_seq){0, 0};
+	pthread_mutex_unlock(&b->lock);
+}
+
 static enum err load(struct backing *backing,
     const struct backing_reader *reader)
 {
@@ -780,7 +816,7 @@ static enum err load(struct backing *backing,
 	char position[BACKING_REDIS_ID_MAX];
 	enum err err;
 
-	set_state(b, STATE_LOADING, NULL);
+	note_loading(b);
 	err = read_position(b, position);
 	if (err == ERR_OK)
 		err = load_volumes(b, reader);

@@ -4,7 +4,8 @@
  *
  * Each entry names the one before it. If that is not the last one read, some are
  * missing - the stream was cut, or Redis has lost its newest data - and the store
- * is to load anew. So is it if the newest is older than the last one read.
+ * is to load anew. So is it if the newest is older than the last one read, or than
+ * one that this daemon has made.
  */
 #include "server/backing_redis_internal.h"
 
@@ -57,6 +58,17 @@ static bool is_ending(struct backing_redis *b)
 	ending = b->is_ending;
 	pthread_mutex_unlock(&b->lock);
 	return ending;
+}
+
+/* The newest change of this daemon's, which may not have been read yet. */
+static struct scene_seq made_by(struct backing_redis *b)
+{
+	struct scene_seq made;
+
+	pthread_mutex_lock(&b->lock);
+	made = b->made;
+	pthread_mutex_unlock(&b->lock);
+	return made;
 }
 
 /* Waits for so long, or for a change of b. */
@@ -277,6 +289,18 @@ static bool is_outdated(const redisReply *entries, size_t at,
 	return false;
 }
 
+/* Whether entry is what has come after the last one read. One that this daemon has
+ * made in between is missing as any other is, though entry does not know. */
+static bool is_next(struct follower *f, const struct entry *entry)
+{
+	struct scene_seq made = made_by(f->b), here;
+
+	return strcmp(entry->prev, f->position) == 0 &&
+	    scene_seq_parse(f->position, &here) &&
+	    (scene_seq_compare(made, here) <= 0 ||
+	    scene_seq_compare(made, entry->number) >= 0);
+}
+
 /* ERR_UNAVAILABLE: the rest is to be read again. */
 static enum err tell_all(struct follower *f, const redisReply *entries)
 {
@@ -286,7 +310,7 @@ static enum err tell_all(struct follower *f, const redisReply *entries)
 		struct entry entry;
 
 		if (!read_entry(entries->element[i], &entry) ||
-		    strcmp(entry.prev, f->position) != 0) {
+		    !is_next(f, &entry)) {
 			note_hole(f, "changes are missing in the stream");
 			return ERR_OK;
 		}
@@ -336,7 +360,7 @@ static const redisReply *entries_of(const redisReply *reply)
 static void check_newest(struct follower *f, char newest[static
     BACKING_REDIS_ID_MAX])
 {
-	struct scene_seq here, there;
+	struct scene_seq here, there, made = made_by(f->b);
 	struct backing_redis_call call;
 	redisReply *reply;
 	const char *last;
@@ -349,8 +373,9 @@ static void check_newest(struct follower *f, char newest[static
 	last = reply->type == REDIS_REPLY_STRING ? reply->str : "0-0";
 	if (!scene_seq_parse(last, &there) ||
 	    !scene_seq_parse(f->position, &here) ||
-	    scene_seq_compare(there, here) < 0)
-		note_hole(f, "the newest changes are not there any more");
+	    scene_seq_compare(there, here) < 0 ||
+	    scene_seq_compare(there, made) < 0)
+		note_hole(f, BACKING_REDIS_NEWEST_LOST);
 	else if (scene_seq_compare(there, here) > 0 &&
 	    strcmp(last, newest) == 0)
 		note_hole(f, "the stream is empty");

@@ -26,6 +26,9 @@ struct redisReply;
 /* Entries of the stream that are kept, about: what a daemon may lag behind. */
 #define BACKING_REDIS_ENTRIES "10000"
 #define BACKING_REDIS_DOUBTS 256
+/* What is said then. */
+#define BACKING_REDIS_NEWEST_LOST \
+	"the newest changes are not there any more"
 /* A forgotten volume stays for so many milliseconds: another daemon may have kept
  * a scene that uses it, and this one not have heard of either yet. */
 #define BACKING_REDIS_GRACE "60000"
@@ -61,6 +64,7 @@ struct backing_redis {
 	enum backing_redis_state state;
 	unsigned generation;     /* of position: loads so far */
 	char position[BACKING_REDIS_ID_MAX]; /* what has been told of */
+	struct scene_seq made;   /* since the load, the newest change of ours */
 	uint64_t begun, settled; /* changes: the last sent, the last decided */
 	uint64_t doubts[BACKING_REDIS_DOUBTS]; /* in doubt; 0: none */
 	size_t doubt_next;
@@ -74,6 +78,11 @@ void backing_redis_key(const struct backing_redis *b, const char *kind,
 
 void backing_redis_token(const struct backing_redis *b, uint64_t number,
     char out[static BACKING_REDIS_TOKEN_MAX]);
+
+/* Redis has made change seq of ours, after change prev (NULL: unknown): what it has
+ * made before has to be there, else the store is to load anew. */
+void backing_redis_note_made(struct backing_redis *b, struct scene_seq seq,
+    const char *prev);
 
 /* Whether it can be written; logs when that changes, with why. */
 void backing_redis_note(struct backing_redis *b, bool is_well,

@@ -24,7 +24,7 @@ static const char commit[] =
 "if kind == 'delete' then\n"
 "	redis.call('DEL', scene, history)\n"
 "	redis.call('SREM', scenes, id)\n"
-"	return {'ok', seq, before, owner}\n"
+"	return {'ok', seq, before, owner, prev}\n"
 "end\n"
 "redis.call('HSET', scene, 'etag', etag, 'seq', seq, 'owner', owner,\n"
 "    'nodes', nodes, 'text:' .. seq, text)\n"
@@ -36,7 +36,7 @@ static const char commit[] =
 "	redis.call('HDEL', scene, 'text:' .. string.match(old, '^%S+'))\n"
 "	count = count - 1\n"
 "end\n"
-"return {'ok', seq, before, owner}\n";
+"return {'ok', seq, before, owner, prev}\n";
 
 static const char fetch[] =
 "local scene, history, last = unpack(KEYS)\n"

@@ -676,6 +676,7 @@ static void test_redis_hole_in_the_stream_is_seen(void **state)
 	end(a);
 }
 
+/* Whether or not the follower has read of it before. */
 static void test_redis_lost_data_is_seen(void **state)
 {
 	struct daemon *a, *b;
@@ -692,6 +693,50 @@ static void test_redis_lost_data_is_seen(void **state)
 	assert_int_equal(put(b, "s", "2"), ERR_OK);
 	assert_true(await_told(a, "s", "2"));
 	end(b);
+	end(a);
+}
+
+/* ... if the stream goes on from where the follower is, as far as another's entry
+ * says, */
+static void test_redis_lost_change_is_missed_by_the_next(void **state)
+{
+	struct daemon *a, *b;
+
+	(void)state;
+	need_redis();
+	for (int i = 0; i < 10; i++) {
+		redis_cli(&redis, "flushall", NULL, 0);
+		a = begin(redis.url);
+		b = begin(redis.url);
+		assert_int_equal(put(a, "s", "1"), ERR_OK);
+		redis_cli(&redis, "flushall", NULL, 0);
+		assert_int_equal(put(b, "t", "2"), ERR_OK);
+		assert_true(await_lost(a));
+		end(b);
+		end(a);
+	}
+}
+
+/* ... and if the next is of the same daemon, which then knows at once. */
+static void test_redis_lost_change_is_missed_by_ones_own(void **state)
+{
+	struct daemon *a;
+	int lost;
+
+	(void)state;
+	need_redis();
+	a = begin(redis.url);
+	assert_int_equal(put(a, "s", "1"), ERR_OK);
+	redis_cli(&redis, "flushall", NULL, 0);
+	assert_int_equal(put(a, "t", "2"), ERR_OK);
+	assert_true(await_lost(a));
+	assert_int_equal(load(a), ERR_OK);
+	assert_int_equal(a->count, 1);
+	assert_int_equal(put(a, "t", "3"), ERR_OK);
+	/* It is followed again, and nothing is missed any more. */
+	lost = atomic_load(&a->lost);
+	usleep(50000);
+	assert_int_equal(atomic_load(&a->lost), lost);
 	end(a);
 }
 
@@ -1140,6 +1185,8 @@ int main(void)
 		TEST(test_redis_overtaken_revisions_are_told_for_the_history),
 		TEST(test_redis_hole_in_the_stream_is_seen),
 		TEST(test_redis_lost_data_is_seen),
+		TEST(test_redis_lost_change_is_missed_by_the_next),
+		TEST(test_redis_lost_change_is_missed_by_ones_own),
 		TEST(test_redis_killed_and_back),
 		TEST(test_redis_stopped_makes_nothing_later),
 		TEST(test_redis_without_memory_refuses),
