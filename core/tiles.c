@@ -153,7 +153,7 @@ static double insn_cost(const struct insn *insn)
 	return insn->op == OP_POINT ? COST_POINT : COST_PRIMITIVE;
 }
 
-static void survey(struct tiles *t)
+static void survey(struct tiles *t, double speed)
 {
 	double cost = 0.0, alive_cost = 0.0;
 
@@ -176,8 +176,8 @@ static void survey(struct tiles *t)
 	}
 	for (int a = 0; a < 3 && t->bounded; a++)
 		t->span[a] /= (float)t->bounded;
-	t->cost = cost / (double)t->primitives;
-	t->alive_cost = alive_cost / (double)t->primitives;
+	t->cost = cost / (speed * (double)t->primitives);
+	t->alive_cost = alive_cost / (speed * (double)t->primitives);
 }
 
 /* A copy of count things of size bytes; NULL: no memory. */
@@ -270,7 +270,8 @@ void tiles_work_free(struct tiles_work *w)
 	free(w);
 }
 
-enum err tiles_create(const struct tape *tape, struct tiles **out)
+enum err tiles_create(const struct tape *tape, double speed,
+    struct tiles **out)
 {
 	struct tiles *t = calloc(1, sizeof(*t));
 	size_t count = tape->insn_count;
@@ -291,7 +292,7 @@ enum err tiles_create(const struct tape *tape, struct tiles **out)
 	for (size_t i = 0; i < tape->operator_count; i++)
 		t->is_constant[i] =
 		    opening_is_constant(&tape->operators[i].opening);
-	survey(t);
+	survey(t, speed);
 	*out = t;
 	return ERR_OK;
 }

@@ -46,9 +46,12 @@ static inline size_t tiles_count(size_t points)
 
 /*
  * What tiles of tape need to know, a copy; the tape may be freed afterwards.
- * *out is the caller's; any number of threads may use it. ERR_MEMORY.
+ * speed (> 0): how many times as fast as the processor that culls the device
+ * evaluates: 1 if it is that processor. *out is the caller's; any number of
+ * threads may use it. ERR_MEMORY.
  */
-enum err tiles_create(const struct tape *tape, struct tiles **out);
+enum err tiles_create(const struct tape *tape, double speed,
+    struct tiles **out);
 
 /* Frees t; NULL does nothing. */
 void tiles_free(struct tiles *t);

@@ -7,6 +7,7 @@
 
 #include "core/output.h"
 #include "core/tape.h"
+#include "core/tile.h"
 #include "kernels/device_cache.h"
 #include "kernels/source.h"
 
@@ -19,7 +20,8 @@
  * for one point of 50 primitives, and none is faster on many.
  */
 #define GROUP_CPU 1
-#define GROUP_OTHER 64
+/* Others' take a tile. */
+#define GROUP_OTHER_POINTS TILE_POINTS
 
 /*
  * Vectors of points that a work-item takes at once. 50 point primitives under
@@ -73,11 +75,10 @@ static enum err choose(struct device *d, const struct device_options *options,
 	if (options->tables == DEVICE_TABLES_IMAGE && !d->info.has_images)
 		return device_refuse(&d->failure, ERR_INVALID,
 		    "device \"%s\" has no images", d->info.name);
-	d->info.tables_are_images = options->tables == DEVICE_TABLES_IMAGE ||
-	    (options->tables == DEVICE_TABLES_AUTO && d->info.is_gpu &&
-	    d->info.has_images);
-	d->group = cpu ? GROUP_CPU : GROUP_OTHER;
+	d->info.tables_are_images = options->tables == DEVICE_TABLES_IMAGE;
 	d->block = cpu ? BLOCK_CPU : BLOCK_OTHER;
+	d->group = cpu ? GROUP_CPU : GROUP_OTHER_POINTS /
+	    (size_t)(d->block * d->info.width);
 	d->reads_host = cpu && memory == DEVICE_MEMORY_AUTO;
 	d->has_shared = d->reads_host && has_shared(d->id, d->info.version);
 	d->culling = options->no_culling ? DEVICE_CULLING_NEVER :

@@ -17,9 +17,11 @@ struct device_tape;
 struct table;
 struct tape;
 
-/* Where operator tables lie on the device. */
+/* Where operator tables lie on the device. Samplers of GPUs interpolate images with
+ * weights of 8 bits: on an H100 lookups are off by 2.7e-4 of the greatest value,
+ * not 8e-7, and no more than a tenth faster. */
 enum device_tables {
-	DEVICE_TABLES_AUTO,   /* images on a GPU that has them, else buffers */
+	DEVICE_TABLES_AUTO,   /* buffers */
 	DEVICE_TABLES_BUFFER,
 	DEVICE_TABLES_IMAGE
 };

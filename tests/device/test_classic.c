@@ -20,6 +20,7 @@
 #include "core/tape.h"
 #include "core/tree.h"
 #include "kernels/device.h"
+#include "tests/support/widest.h"
 
 #define COUNT(array) (sizeof(array) / sizeof(*(array)))
 #define QUARTER_PI 0.78539816339744830962
@@ -220,7 +221,7 @@ static void check_width(int width)
 static void test_classic_over_a_grid(void **state)
 {
 	(void)state;
-	check_width(16);
+	check_width(widest());
 }
 
 static void test_classic_over_a_grid_one_by_one(void **state)

@@ -23,6 +23,7 @@
 #include "proto/document.h"
 #include "proto/fault.h"
 #include "tests/support/random_tree.h"
+#include "tests/support/widest.h"
 
 #define POINTS 4000
 #define ROW 10
@@ -173,12 +174,15 @@ static void check_lookups(const struct device_options *options,
 	struct device_failure failure = {0};
 	double worst[3] = {0.0};
 	struct device *device;
+	bool is_coarse;
 
 	if (device_open(options, &device, &failure) == ERR_INVALID) {
 		print_message("%s: %s\n", what, failure.message);
 		device_failure_fini(&failure);
 		skip();
 	}
+	is_coarse = device_get_info(device)->is_gpu &&
+	    options->tables == DEVICE_TABLES_IMAGE;
 	for (int i = 0; i < 3 * POINTS; i++)
 		xyz[i] = (float)random_in(&random, -1.2, 1.2);
 	for (int i = 0; i < CASES; i++)
@@ -196,6 +200,12 @@ static void check_lookups(const struct device_options *options,
 	print_message("measured: lookups in %s against float64: value %.1e, "
 	    "gradient p99 %.1e, Hessian p99 %.1e\n", what, worst[0], worst[1],
 	    worst[2]);
+	/* Weights of 8 bits, NVIDIA H100: 2.7e-4, 3.7e-3, 0.4. */
+	if (is_coarse) {
+		assert_true(worst[0] < 1e-3);
+		assert_true(worst[1] < 1e-2);
+		return;
+	}
 	/* Measured: 8e-7, 7e-6, 1.3e-4 at most. */
 	assert_true(worst[0] < 1e-5);
 	assert_true(worst[1] < 1e-4);
@@ -205,8 +215,8 @@ static void check_lookups(const struct device_options *options,
 static void test_lookup_in_buffers(void **state)
 {
 	(void)state;
-	check_lookups(&(struct device_options){.width = 16,
-	    .tables = DEVICE_TABLES_BUFFER}, "buffers, width 16");
+	check_lookups(&(struct device_options){.width = widest(),
+	    .tables = DEVICE_TABLES_BUFFER}, "buffers, widest");
 }
 
 static void test_lookup_in_buffers_one_by_one(void **state)
@@ -219,8 +229,8 @@ static void test_lookup_in_buffers_one_by_one(void **state)
 static void test_lookup_in_images(void **state)
 {
 	(void)state;
-	check_lookups(&(struct device_options){.width = 16,
-	    .tables = DEVICE_TABLES_IMAGE}, "images, width 16");
+	check_lookups(&(struct device_options){.width = widest(),
+	    .tables = DEVICE_TABLES_IMAGE}, "images, widest");
 }
 
 /* --- operands of 0 ---------------------------------------------------------- */
@@ -346,7 +356,7 @@ static void check_zeros(int width)
 static void test_operand_of_zero_leaves_the_other_or_zero(void **state)
 {
 	(void)state;
-	check_zeros(16);
+	check_zeros(widest());
 }
 
 static void test_operand_of_zero_one_by_one(void **state)
@@ -389,7 +399,7 @@ static void test_lanes_do_not_depend_on_their_neighbours(void **state)
 	char root[1024];
 
 	(void)state;
-	assert_int_equal(device_open(&(struct device_options){.width = 16,
+	assert_int_equal(device_open(&(struct device_options){.width = widest(),
 	    .tables = DEVICE_TABLES_BUFFER}, &device, &failure), ERR_OK);
 	for (size_t i = 0; i < OPENINGS; i++)
 		for (int k = i == 0 ? 2 : 0; k < 3; k++) {

@@ -261,6 +261,8 @@ static void test_tiles_buffers_agree_with_shared_memory(void **state)
 		make_grid(POINTS);
 		run(&best, t, DEVICE_CULLING_NEVER, POINTS, JET, want);
 		run(&copied, u, DEVICE_CULLING_NEVER, POINTS, JET, got);
+		if (differing(POINTS, JET) > 0)
+			print_first(POINTS, JET);
 		assert_int_equal(differing(POINTS, JET), 0);
 		assert_int_equal(check_sizes(&copied, u, POINTS, JET), 0);
 		device_drop_tape(best.device, t);

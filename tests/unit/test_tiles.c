@@ -95,7 +95,7 @@ static struct cloud *cloud_create(size_t count, double radius,
 	    .child_count = count, .op = type == NODE_UNION ? &c->op : NULL};
 	assert_int_equal(tape_compile(&tree, MAX_NODES, &c->tape, &error),
 	    ERR_OK);
-	assert_int_equal(tiles_create(c->tape, &c->tiles), ERR_OK);
+	assert_int_equal(tiles_create(c->tape, 1.0, &c->tiles), ERR_OK);
 	assert_int_equal(tiles_work_create(&c->work), ERR_OK);
 	return c;
 }
@@ -469,7 +469,7 @@ static void test_tiles_survive_every_failing_allocation(void **state)
 		struct tiles_work *work = NULL;
 
 		fail_alloc_set(++n);
-		err = tiles_create(c->tape, &t);
+		err = tiles_create(c->tape, 1.0, &t);
 		if (err == ERR_OK)
 			err = tiles_work_create(&work);
 		if (err == ERR_OK)
