@@ -174,14 +174,15 @@ $(SUPPORT): $(call objects,tests/support)
 	$(Q)rm -f $@ && ar rcs $@ $^
 
 # The tables' threads, without the rest of the daemon.
-$(B)/tests/unit/test_server_tables: $(addprefix $(B)/,server/tables.o \
-	server/crew.o server/log.o server/table_cache.o kernels/cache_file.o)
+$(B)/tests/unit/test_server_tables: $(addprefix $(B)/,$(patsubst %.c,%.o,\
+	$(wildcard server/tables*.c)) server/crew.o server/log.o \
+	server/table_cache.o kernels/cache_file.o)
 
 # The scheduler, before a device that the test plays.
 $(B)/tests/unit/test_server_scheduler: $(addprefix $(B)/,$(patsubst %.c,%.o,\
 	$(wildcard server/scheduler*.c)) server/program.o server/surface.o \
 	server/pace.o \
-	server/tables.o \
+	$(patsubst %.c,%.o,$(wildcard server/tables*.c)) \
 	server/crew.o server/log.o server/table_cache.o kernels/cache_file.o)
 
 $(B)/tests/unit/test_server_pace: $(B)/server/pace.o
@@ -371,7 +372,7 @@ check-kernels:
 	@cat $(CL) > $(B)/kernels.cl
 	@for options in -DWIDTH=1 -DWIDTH=4 -DWIDTH=16 \
 	    '-DWIDTH=16 -march=skylake-avx512' \
-	    '-DWIDTH=1 -DTABLES_IMAGE' '-DWIDTH=16 -DTABLES_IMAGE'; do \
+	    '-DWIDTH=1 -DTABLES_IMAGE -DFUSED' '-DWIDTH=16 -DTABLES_IMAGE'; do \
 		clang -x cl -cl-std=CL1.2 -Xclang -finclude-default-header \
 		    -fsyntax-only -Wall -Werror -Wno-unused-function $$options \
 		    $(B)/kernels.cl || exit 1; done

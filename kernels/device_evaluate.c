@@ -22,7 +22,11 @@
 #define PLAIN_POINTS ((size_t)65536)
 
 /* ... and about the most instructions times points of such a one. */
-#define PIECE_WORK 16777216u
+#define PIECE_WORK ((size_t)16777216)
+
+/* Both times so much on a GPU, of which 65,536 points are a quarter: 16 ms of an
+ * H100. */
+#define PIECE_GPU 16
 
 /* Points and rows of a piece that are copied into the workspace though the
  * kernel could read and write the caller's. */
@@ -504,9 +508,12 @@ static enum err run(struct device *d, struct device_tape *t,
 static size_t timely_points(const struct device *d,
     const struct device_tape *t, unsigned outputs, size_t left)
 {
+	size_t scale = d->info.is_gpu ? PIECE_GPU : 1;
+
 	if (is_culled(d, t, outputs, left))
 		return PIECE_POINTS;
-	return min_size(PLAIN_POINTS, PIECE_WORK / t->insn_count);
+	return min_size(scale * PLAIN_POINTS, scale * PIECE_WORK /
+	    t->insn_count);
 }
 
 /* Points of the next piece of a batch: whole tiles, or all that are left. */

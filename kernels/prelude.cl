@@ -188,9 +188,9 @@ static inline real lanes_inverse(real x)
 
 /*
  * s + a b, rounded once where the processor does that at no cost: for places
- * where it may not be left to the compiler which.
+ * where it may not be left to the compiler which. FUSED: a GPU, where all do.
  */
-#if defined(__FMA__) || defined(HAS_AVX512)
+#if defined(__FMA__) || defined(HAS_AVX512) || defined(FUSED)
 #define FUSED_ADD(a, b, s) fma(a, b, s)
 #else
 #define FUSED_ADD(a, b, s) ((s) + (a) * (b))

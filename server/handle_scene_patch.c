@@ -360,19 +360,11 @@ static void hand_over(struct exchange *x, struct patching *p)
 static void submit(struct exchange *x, struct patching *p)
 {
 	struct scene_change *change = &p->change;
-	enum err err;
 
 	change->rebase_most = SMALL_BYTES;
 	change->done = on_done;
 	change->ctx = p;
-	x->resumed = answer;
-	exchange_wait(x);
-	err = scene_store_submit(x->server->scenes, change);
-	if (err == ERR_OK)
-		return;
-	scene_release(change->scene);
-	change->result = err;
-	exchange_resume(x);
+	scene_reply_wait(x, change, answer);
 }
 
 /* Reads and applies a small one at once. */

@@ -159,22 +159,11 @@ static struct waiting *make_waiting(struct exchange *x,
 static void wait_for(struct exchange *x, struct waiting *w,
     void (*resumed)(struct exchange *x))
 {
-	struct scene *scene = w->scene;
-	enum err err;
-
-	if (scene != NULL)
-		w->change.scene = scene_hold(scene);
+	if (w->scene != NULL)
+		w->change.scene = scene_hold(w->scene);
 	x->state = w;
 	x->state_free = free_waiting;
-	x->resumed = resumed;
-	exchange_wait(x);
-	err = scene_store_submit(x->server->scenes, &w->change);
-	if (err == ERR_OK)
-		return;
-	if (scene != NULL)
-		scene_release(scene);
-	w->change.result = err;
-	exchange_resume(x);
+	scene_reply_wait(x, &w->change, resumed);
 }
 
 /* Has x wait for the change. Takes scene (or NULL) over. */

@@ -15,6 +15,7 @@
 #include "server/evaluation.h"
 #include "server/exchange.h"
 #include "server/handlers.h"
+#include "server/scene_reply.h"
 #include "server/scene_store.h"
 #include "server/server.h"
 #include "server/volume_store.h"
@@ -234,8 +235,6 @@ static void answer(struct exchange *x)
 static void submit(struct exchange *x, struct waiting *w,
     enum scene_change_kind kind)
 {
-	enum err err;
-
 	w->x = x;
 	w->volume.id = w->entry.id;
 	w->change.kind = kind;
@@ -244,13 +243,7 @@ static void submit(struct exchange *x, struct waiting *w,
 	w->change.ctx = w;
 	x->state = w;
 	x->state_free = free_waiting;
-	x->resumed = answer;
-	exchange_wait(x);
-	err = scene_store_submit(x->server->scenes, &w->change);
-	if (err == ERR_OK)
-		return;
-	w->change.result = err;
-	on_done(w);
+	scene_reply_wait(x, &w->change, answer);
 }
 
 static struct waiting *make_waiting(struct exchange *x)

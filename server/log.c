@@ -37,11 +37,6 @@ static const char *const names[LOG_LEVEL_COUNT] = {
 	[LOG_DEBUG] = "debug",
 };
 
-static const char *const formats[LOG_FORMAT_COUNT] = {
-	[LOG_TEXT] = "text",
-	[LOG_JSON] = "json",
-};
-
 static enum log_level most = LOG_INFO;
 static enum log_format form = LOG_TEXT;
 
@@ -61,32 +56,6 @@ void log_set_level(enum log_level level)
 void log_set_format(enum log_format format)
 {
 	form = format;
-}
-
-static int find(const char *const *list, int count, const char *name)
-{
-	for (int i = 0; i < count; i++)
-		if (strcmp(name, list[i]) == 0)
-			return i;
-	return -1;
-}
-
-bool log_level_named(const char *name, enum log_level *out)
-{
-	int i = find(names, LOG_LEVEL_COUNT, name);
-
-	if (i >= 0)
-		*out = (enum log_level)i;
-	return i >= 0;
-}
-
-bool log_format_named(const char *name, enum log_format *out)
-{
-	int i = find(formats, LOG_FORMAT_COUNT, name);
-
-	if (i >= 0)
-		*out = (enum log_format)i;
-	return i >= 0;
 }
 
 /* ---- writing ---- */

@@ -37,14 +37,8 @@ enum log_format {
 /* Lines above level are dropped. Call before threads start; LOG_INFO at first. */
 void log_set_level(enum log_level level);
 
-/* "error", "warning", "info", "debug"; false if name is none of them. */
-bool log_level_named(const char *name, enum log_level *out);
-
 /* Call before threads start; LOG_TEXT at first. */
 void log_set_format(enum log_format format);
-
-/* "text", "json" */
-bool log_format_named(const char *name, enum log_format *out);
 
 /* One line of a request that is over; strings may be "", forwarded_for NULL. */
 struct log_request {

@@ -66,7 +66,6 @@ static void begin_anew(struct exchange *x)
 static void ask(struct exchange *x)
 {
 	struct refreshing *r = calloc(1, sizeof *r);
-	enum err err;
 
 	if (r == NULL) {
 		exchange_reply_problem(x, PROBLEM_MEMORY, NULL,
@@ -81,13 +80,7 @@ static void ask(struct exchange *x)
 	    x->id);
 	x->state = r;
 	x->state_free = free_refreshing;
-	x->resumed = begin_anew;
-	exchange_wait(x);
-	err = scene_store_submit(x->server->scenes, &r->change);
-	if (err == ERR_OK)
-		return;
-	r->change.result = err;
-	exchange_resume(x);
+	scene_reply_wait(x, &r->change, begin_anew);
 }
 
 /* Whether others may have what this daemon has not, which is not asked yet. */

@@ -139,3 +139,20 @@ struct cJSON *scene_reply_summary(const struct scene *scene)
 		cJSON_AddStringToObject(json, "owner", scene->owner);
 	return json;
 }
+
+void scene_reply_wait(struct exchange *x, struct scene_change *change,
+    void (*resumed)(struct exchange *x))
+{
+	enum err err;
+
+	x->resumed = resumed;
+	exchange_wait(x);
+	/* Once it is submitted, it is x's answer's. */
+	err = scene_store_submit(x->server->scenes, change);
+	if (err == ERR_OK)
+		return;
+	if (change->scene != NULL)
+		scene_release(change->scene);
+	change->result = err;
+	change->done(change->ctx);
+}

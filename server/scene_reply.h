@@ -1,5 +1,5 @@
 /*
- * Answers that the scene handlers share.
+ * Answers that the scene handlers share, and how they wait for the store.
  */
 #ifndef SERVER_SCENE_REPLY_H
 #define SERVER_SCENE_REPLY_H
@@ -15,6 +15,7 @@ struct cJSON;
 struct exchange;
 struct precondition;
 struct scene;
+struct scene_change;
 
 /* If-Match and If-None-Match, in *out; or answers 400: false. */
 bool scene_reply_preconditions(struct exchange *x, struct precondition *out);
@@ -43,5 +44,10 @@ void scene_reply_add_revision(struct cJSON *json, const char *etag,
 /* {id, name, revision, sequence, time, nodes, bytes}, and owner, if there is
  * one */
 struct cJSON *scene_reply_summary(const struct scene *scene);
+
+/* Has x wait for change, whose done resumes it: then resumed answers. It is
+ * called, with the result, also where the store does not take the change. */
+void scene_reply_wait(struct exchange *x, struct scene_change *change,
+    void (*resumed)(struct exchange *x));
 
 #endif

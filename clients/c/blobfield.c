@@ -388,12 +388,15 @@ static enum blobfield_outcome exchange_rows(struct blobfield *b,
 	return client_do(b, &r);
 }
 
-enum blobfield_outcome blobfield_evaluate(struct blobfield *b, const char *id,
-    const float *points, size_t count, unsigned outputs, float *rows)
+/* "/v1/scenes/{id}/WHAT?outputs=…", and the deadline. */
+static enum blobfield_outcome outputs_path(struct blobfield *b,
+    char path[CLIENT_PATH_MAX], const char *id, const char *what,
+    unsigned outputs)
 {
-	char path[CLIENT_PATH_MAX], tail[128] = "/eval?outputs=";
+	char tail[128];
 	enum blobfield_outcome outcome;
 
+	snprintf(tail, sizeof tail, "/%s?outputs=", what);
 	for (size_t i = 0; i < OUTPUTS_KNOWN; i++)
 		if (outputs & outputs_known[i].output) {
 			if (tail[strlen(tail) - 1] != '=')
@@ -401,16 +404,83 @@ enum blobfield_outcome blobfield_evaluate(struct blobfield *b, const char *id,
 			strcat(tail, outputs_known[i].name);
 		}
 	outcome = client_path(b, path, id, tail);
-	if (outcome != BLOBFIELD_OK)
-		return outcome;
-	if (b->transfer.deadline > 0.0)
+	if (outcome == BLOBFIELD_OK && b->transfer.deadline > 0.0)
 		snprintf(path + strlen(path), CLIENT_PATH_MAX - strlen(path),
 		    "&deadline=%.9g", b->transfer.deadline);
+	return outcome;
+}
+
+enum blobfield_outcome blobfield_evaluate(struct blobfield *b, const char *id,
+    const float *points, size_t count, unsigned outputs, float *rows)
+{
+	char path[CLIENT_PATH_MAX];
+	enum blobfield_outcome outcome = outputs_path(b, path, id, "eval",
+	    outputs);
+
+	if (outcome != BLOBFIELD_OK)
+		return outcome;
 	return exchange_rows(b, &(struct transfer_request){
 		.path = path,
 		.body = points,
 		.into = rows
 	}, 3, blobfield_columns(outputs), count);
+}
+
+/* Its points, 0 if the daemon will refuse it anyhow. */
+static size_t grid_points(const struct blobfield_grid *grid)
+{
+	size_t points = 1;
+
+	for (int i = 0; i < 3; i++)
+		points *= grid->counts[i] < 1 || grid->counts[i] > 4096 ? 0 :
+		    (size_t)grid->counts[i];
+	return points;
+}
+
+/* What is not finite becomes null, which the daemon names. */
+static char *grid_text(const struct blobfield_grid *grid)
+{
+	cJSON *json = cJSON_CreateObject();
+	char *text;
+
+	cJSON_AddItemToObject(json, "min",
+	    cJSON_CreateDoubleArray(grid->min, 3));
+	cJSON_AddItemToObject(json, "max",
+	    cJSON_CreateDoubleArray(grid->max, 3));
+	cJSON_AddItemToObject(json, "counts",
+	    cJSON_CreateIntArray(grid->counts, 3));
+	text = cJSON_PrintUnformatted(json);
+	cJSON_Delete(json);
+	return text;
+}
+
+enum blobfield_outcome blobfield_grid(struct blobfield *b, const char *id,
+    const struct blobfield_grid *grid, unsigned outputs, float *rows)
+{
+	char path[CLIENT_PATH_MAX], *body;
+	enum blobfield_outcome outcome = outputs_path(b, path, id, "grid",
+	    outputs);
+
+	if (outcome != BLOBFIELD_OK)
+		return outcome;
+	body = grid_text(grid);
+	if (body == NULL) {
+		b->transfer.status = 0;
+		return client_fail(b, BLOBFIELD_MEMORY, "out of memory");
+	}
+	outcome = client_do(b, &(struct transfer_request){
+		.method = "POST",
+		.path = path,
+		.type = CLIENT_JSON,
+		.accept = CLIENT_OCTETS,
+		.body = body,
+		.size = strlen(body),
+		.into = rows,
+		.into_size = grid_points(grid) * blobfield_columns(outputs) *
+		    sizeof(float)
+	});
+	cJSON_free(body);
+	return outcome;
 }
 
 /* path?name=number, or &name=number; 0 adds nothing. */

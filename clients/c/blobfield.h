@@ -241,6 +241,25 @@ size_t blobfield_columns(unsigned outputs);
 enum blobfield_outcome blobfield_evaluate(struct blobfield *b, const char *id,
     const float *points, size_t count, unsigned outputs, float *rows);
 
+/* A regular grid of points. */
+struct blobfield_grid {
+	double min[3], max[3]; /* the first and the last, within +-1e9; max
+	                        * nowhere less than min */
+	int counts[3];         /* along x, y, z, 1 to 4096 each; where there is
+	                        * 1, it is at min */
+};
+
+/*
+ * Evaluates a scene on a grid, whose points need not be sent: as
+ * blobfield_evaluate would there, bit for bit. rows: counts[0] * counts[1] *
+ * counts[2] * blobfield_columns(outputs) floats, z fastest: point [i, j, k] is
+ * row (i * counts[1] + j) * counts[2] + k. BLOBFIELD_REFUSED with places in
+ * "/min", "/max", "/counts": more points than the daemon allows, for one
+ * (8,000,000 unless it was told otherwise).
+ */
+enum blobfield_outcome blobfield_grid(struct blobfield *b, const char *id,
+    const struct blobfield_grid *grid, unsigned outputs, float *rows);
+
 /* ---- the surface ---- */
 
 /* Where a ray meets the surface; all 0, and leaf -1, if it does not. */

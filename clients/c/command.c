@@ -42,6 +42,11 @@ static const struct command commands[] = {
 	{"eval", "SCENE [POINTS]", "values, gradients ... at points",
 	    "Evaluates a scene at points, and writes them with what was found "
 	    "there.\n" ROWS_ABOUT("POINTS", "3"), command_eval},
+	{"grid", "SCENE [-o FILE]", "values, gradients ... on a regular grid",
+	    "Evaluates a scene at the points of a regular grid, z fastest, "
+	    "which need not be\nsent, and writes them with what was found "
+	    "there. An .npy file has the grid's\nshape: with --outputs value "
+	    "it is what POST /v1/volumes takes.\n", command_grid},
 	{"raycast", "SCENE [RAYS]", "where rays meet the surface",
 	    "Casts rays, of an origin and a direction each, and writes where "
 	    "each first\nmeets the surface. leaf counts the document's "

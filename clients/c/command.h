@@ -97,6 +97,7 @@ void command_close_scene(struct session *s);
 struct rows {
 	float *data;
 	size_t count, columns;
+	const int *counts; /* 3: the rows are those of a grid; NULL: a list */
 };
 
 void rows_fini(struct rows *rows);
@@ -115,7 +116,7 @@ bool rows_read(const struct session *s, struct rows *rows, const char *path);
 
 /*
  * Writes a and b side by side, by path's extension: .csv, which stdout gets,
- * .json, or without a: .npy, .f32. names: of all columns, separated by commas.
+ * .json, or without a: .npy (of a grid's shape, if b is one), .f32. names: of all columns, separated by commas.
  */
 bool rows_write(const struct session *s, const char *path,
     const struct rows *a, const struct rows *b, const char *names);
@@ -144,6 +145,8 @@ void progress_part(double from, double to);
 /* ---- subcommands ---- */
 
 int command_eval(struct session *s, const struct command *self, int argc,
+    char **argv);
+int command_grid(struct session *s, const struct command *self, int argc,
     char **argv);
 int command_raycast(struct session *s, const struct command *self, int argc,
     char **argv);

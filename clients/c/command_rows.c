@@ -242,13 +242,30 @@ static void print_json(FILE *out, const struct rows *a, const struct rows *b,
 	fputs("\n]}\n", out);
 }
 
+/* (rows, columns), or of a grid (nx, ny, nz, columns), without the last where
+ * that is 1: as the daemon has it. */
+static void print_shape(char *out, size_t size, const struct rows *b)
+{
+	int used;
+
+	if (b->counts == NULL) {
+		snprintf(out, size, "(%zu, %zu)", b->count, b->columns);
+		return;
+	}
+	used = snprintf(out, size, "(%d, %d, %d", b->counts[0], b->counts[1],
+	    b->counts[2]);
+	snprintf(out + used, size - (size_t)used, b->columns > 1 ?
+	    ", %zu)" : ")", b->columns);
+}
+
 /* Format 1.0; what precedes the numbers is a multiple of 64 bytes. */
 static void print_npy(FILE *out, const struct rows *b)
 {
-	char header[118];
+	char header[118], shape[48];
 
+	print_shape(shape, sizeof shape, b);
 	snprintf(header, sizeof header, "{'descr': '<f4', 'fortran_order': "
-	    "False, 'shape': (%zu, %zu), }", b->count, b->columns);
+	    "False, 'shape': %s, }", shape);
 	fprintf(out, "\x93NUMPY%c%c%c%c%-117s\n", 1, 0, 118, 0, header);
 	fwrite(b->data, sizeof(float), b->count * b->columns, out);
 }

@@ -1,6 +1,8 @@
 /*
- * blobfield eval, raycast, project: rows of numbers in, rows of numbers out.
+ * blobfield eval, grid, raycast, project: rows of numbers in, rows of numbers
+ * out.
  */
+#include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
@@ -150,13 +152,33 @@ static enum blobfield_outcome run_eval(struct batch *batch, const float *in,
 	    batch->outputs, out);
 }
 
+/* The rows that --outputs asks for, and their names behind x,y,z. false: said
+ * why not. */
+static bool choose_outputs(struct batch *batch, const char *outputs,
+    char names[static 256])
+{
+	batch->outputs = read_outputs(outputs);
+	if (batch->outputs == 0) {
+		command_say(batch->s, "--outputs: some of value, gradient, "
+		    "hessian, color, normal, curvature, each once\n");
+		return false;
+	}
+	strcpy(names, "x,y,z");
+	for (size_t i = 0; i < OUTPUTS_KNOWN; i++)
+		if (batch->outputs & outputs_known[i].output)
+			strcat(names, outputs_known[i].columns);
+	batch->names = names;
+	batch->out.columns = blobfield_columns(batch->outputs);
+	return true;
+}
+
 int command_eval(struct session *s, const struct command *self, int argc,
     char **argv)
 {
 	struct batch batch = {.s = s, .in.columns = 3, .run = run_eval};
 	struct options_list points = {0};
 	const char *outputs = "value,gradient";
-	char names[256] = "x,y,z";
+	char names[256];
 	const struct options_rule rules[] = {
 		{"point", 'p', OPTIONS_LIST, &points, "X,Y,Z",
 		    "a point, instead of POINTS or before them"},
@@ -170,18 +192,117 @@ int command_eval(struct session *s, const struct command *self, int argc,
 
 	if (!command_start(s, self, rules, argc, argv, 1, 2, &count, &status))
 		return status;
-	batch.outputs = read_outputs(outputs);
-	if (batch.outputs == 0) {
-		command_say(s, "--outputs: some of value, gradient, hessian, "
-		    "color, normal, curvature, each once\n");
+	if (!choose_outputs(&batch, outputs, names))
 		return COMMAND_USAGE;
-	}
-	for (size_t i = 0; i < OUTPUTS_KNOWN; i++)
-		if (batch.outputs & outputs_known[i].output)
-			strcat(names, outputs_known[i].columns);
-	batch.names = names;
-	batch.out.columns = blobfield_columns(batch.outputs);
 	return run_batch(&batch, &points, count, argv);
+}
+
+/* ---- grid ---- */
+
+/* Where point i of count between min and max is: as the daemon has it. */
+static float coordinate(double min, double max, int i, int count)
+{
+	if (i == 0)
+		return (float)min;
+	if (i + 1 == count)
+		return (float)max;
+	return (float)(min + (max - min) * (double)i / (double)(count - 1));
+}
+
+static void place_points(const struct blobfield_grid *g, float *out)
+{
+	const int *n = g->counts;
+
+	for (int i = 0; i < n[0]; i++)
+		for (int j = 0; j < n[1]; j++)
+			for (int k = 0; k < n[2]; k++) {
+				const int at[3] = {i, j, k};
+
+				for (int axis = 0; axis < 3; axis++)
+					*out++ = coordinate(g->min[axis],
+					    g->max[axis], at[axis], n[axis]);
+			}
+}
+
+/* One request, whose rows are the device's as they come: no bar. */
+static int run_grid(struct batch *batch, const struct blobfield_grid *grid)
+{
+	struct session *s = batch->s;
+	const size_t count = (size_t)grid->counts[0] *
+	    (size_t)grid->counts[1] * (size_t)grid->counts[2];
+
+	batch->in.data = malloc(count * batch->in.columns * sizeof(float));
+	batch->out.data = malloc(count * batch->out.columns * sizeof(float));
+	if (batch->in.data == NULL || batch->out.data == NULL) {
+		command_say(s, "out of memory\n");
+		return COMMAND_FILE;
+	}
+	if (blobfield_grid(s->client, s->id, grid, batch->outputs,
+	    batch->out.data) != BLOBFIELD_OK)
+		return command_fail(s, false);
+	place_points(grid, batch->in.data);
+	batch->in.count = batch->out.count = count;
+	batch->out.counts = grid->counts;
+	return rows_write(s, batch->output, &batch->in, &batch->out,
+	    batch->names) ? COMMAND_DONE : COMMAND_FILE;
+}
+
+/* Whole ones that the daemon may take; false: said what they must be. */
+static bool read_grid(const struct session *s,
+    const struct options_vector *least, const struct options_vector *most,
+    const struct options_vector *counts, struct blobfield_grid *out)
+{
+	if (!least->is_there || !most->is_there || !counts->is_there) {
+		command_say(s, "--min, --max and --counts are needed\n");
+		return false;
+	}
+	memcpy(out->min, least->v, sizeof out->min);
+	memcpy(out->max, most->v, sizeof out->max);
+	for (int i = 0; i < 3; i++) {
+		if (counts->v[i] < 1 || counts->v[i] > 4096 ||
+		    counts->v[i] != floor(counts->v[i])) {
+			command_say(s, "--counts must be whole numbers, 1 to "
+			    "4096\n");
+			return false;
+		}
+		out->counts[i] = (int)counts->v[i];
+	}
+	return true;
+}
+
+int command_grid(struct session *s, const struct command *self, int argc,
+    char **argv)
+{
+	struct batch batch = {.s = s, .in.columns = 3};
+	struct options_vector least = {0}, most = {0}, counts = {0};
+	struct blobfield_grid grid;
+	const char *outputs = "value,gradient";
+	char names[256];
+	const struct options_rule rules[] = {
+		{"min", 0, OPTIONS_VECTOR, &least, "X,Y,Z", "the first point"},
+		{"max", 0, OPTIONS_VECTOR, &most, "X,Y,Z", "the last one"},
+		{"counts", 'n', OPTIONS_VECTOR, &counts, "NX,NY,NZ",
+		    "points along each axis, 1 to 4096"},
+		{"outputs", 0, OPTIONS_TEXT, &outputs, "LIST",
+		    "of value, gradient, hessian, color, normal, curvature"},
+		{"output", 'o', OPTIONS_TEXT, &batch.output, "FILE",
+		    ".csv, .json, .npy, .f32 (stdout gets CSV)"},
+		{0}
+	};
+	int count, status;
+
+	if (!command_start(s, self, rules, argc, argv, 1, 1, &count, &status))
+		return status;
+	if (!read_grid(s, &least, &most, &counts, &grid) ||
+	    !choose_outputs(&batch, outputs, names))
+		return COMMAND_USAGE;
+	status = command_open_scene(s, argv[0]);
+	if (status == COMMAND_DONE)
+		status = run_grid(&batch, &grid);
+	command_close_scene(s);
+	rows_fini(&batch.in);
+	rows_fini(&batch.out);
+	return status;
 }
 
 /* ---- raycast, project ---- */

@@ -211,6 +211,60 @@ static void test_points_that_are_not_finite_are_refused(void **state)
 	assert_near(row[0], 7.0, 0.0);
 }
 
+static void test_grid_is_evaluate_at_its_points(void **state)
+{
+	/* Exact in float32. */
+	const struct blobfield_grid grid = {{-1, -0.5, 0.25}, {1, 0.5, 0.25},
+	    {3, 2, 1}};
+	const unsigned outputs = BLOBFIELD_VALUE | BLOBFIELD_GRADIENT |
+	    BLOBFIELD_CURVATURE;
+	struct blobfield *b = client_of(state);
+	float points[6 * 3], rows[6 * 6], expected[6 * 6];
+
+	for (int i = 0; i < 6; i++) {
+		points[3 * i] = (float)(i / 2 - 1);
+		points[3 * i + 1] = (float)(i % 2) - 0.5f;
+		points[3 * i + 2] = 0.25f;
+	}
+	assert_ok(b, blobfield_evaluate(b, "ball", points, 6, outputs,
+	    expected));
+	assert_ok(b, blobfield_grid(b, "ball", &grid, outputs, rows));
+	assert_memory_equal(rows, expected, sizeof rows);
+	assert_true(rows[0] > 0.0f && rows[0] < 1.0f);
+}
+
+static void test_grids_that_are_refused_leave_rows_alone(void **state)
+{
+	static const struct {
+		struct blobfield_grid grid;
+		const char *pointer;
+	} wrong[] = {
+		{{{0, 0, 0}, {1, 1, 1}, {4096, 4096, 4096}}, "/counts"},
+		{{{0, 0, 0}, {1, 1, 1}, {2, 0, 2}}, "/counts/1"},
+		{{{0, 0, 0}, {1, 1, 1}, {2, 2, -5}}, "/counts/2"},
+		{{{0, 0, 0}, {1, 1, 1}, {5000, 2, 2}}, "/counts/0"},
+		{{{0, 0, 2}, {1, 1, 1}, {2, 2, 2}}, "/max/2"},
+		{{{0, NAN, 0}, {1, 1, 1}, {2, 2, 2}}, "/min/1"},
+		{{{0, 0, 0}, {1, 1, INFINITY}, {2, 2, 2}}, "/max/2"},
+	};
+	struct blobfield *b = client_of(state);
+	float rows[1] = {7.0f};
+
+	for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+		assert_int_equal(blobfield_grid(b, "ball", &wrong[i].grid,
+		    BLOBFIELD_VALUE, rows), BLOBFIELD_REFUSED);
+		assert_int_equal(blobfield_error(b)->status, 422);
+		assert_string_equal(blobfield_error(b)->places[0].pointer,
+		    wrong[i].pointer);
+	}
+	assert_int_equal(blobfield_grid(b, "nowhere", &wrong[0].grid,
+	    BLOBFIELD_VALUE, rows), BLOBFIELD_REFUSED);
+	assert_int_equal(blobfield_error(b)->status, 404);
+	assert_int_equal(blobfield_grid(b, "no/id", &wrong[0].grid,
+	    BLOBFIELD_VALUE, rows), BLOBFIELD_ARGUMENT);
+	assert_near(rows[0], 7.0, 0.0);
+}
+
 static void test_raycast_hits_and_misses(void **state)
 {
 	struct blobfield *b = client_of(state);
@@ -706,6 +760,8 @@ int main(void)
 		cmocka_unit_test(test_columns_add_up),
 		cmocka_unit_test(test_no_points_are_fine),
 		cmocka_unit_test(test_points_that_are_not_finite_are_refused),
+		cmocka_unit_test(test_grid_is_evaluate_at_its_points),
+		cmocka_unit_test(test_grids_that_are_refused_leave_rows_alone),
 		cmocka_unit_test(test_raycast_hits_and_misses),
 		cmocka_unit_test(test_project_moves_onto_the_surface),
 		cmocka_unit_test(test_bounds_of_field_and_surface),

@@ -34,6 +34,8 @@ BALL = """{"format": "blobfield/1", "name": "ball",
  "root": {"type": "point", "center": [0, 0, 0], "radius": 1}}
 """
 
+GRID = ["grid", LETTER, "--min=-1,-0.5,0", "--max=1,0.5,2.25"]
+
 folder = tempfile.mkdtemp(prefix="blobfield-")
 
 
@@ -69,7 +71,7 @@ def same(value, expected):
 def test_help_of_each_command():
     listed = run("--help")[0]
     names = re.findall(r"^  ([a-z]+) ", listed, re.M)
-    assert len(names) == 16, names
+    assert len(names) == 17, names
     for name in names:
         text = run(name, "--help")[0]
         assert text.startswith("blobfield %s - " % name), text
@@ -87,7 +89,11 @@ def test_usage_errors_end_with_2():
                       ["mesh", LETTER, "-o", "mesh.doc"],
                       ["list", "--frobnicate"], ["list", "--url"],
                       ["list", "--quiet=yes"], ["delete", "a/b"],
-                      ["eval", "-"]):
+                      ["eval", "-"], ["grid", LETTER],
+                      ["grid", LETTER, "--min", "0,0,0", "--max", "1,1,1"],
+                      GRID + ["-n", "2,2,0"], GRID + ["-n", "2,2.5,2"],
+                      GRID + ["-n", "2,2,4097"], GRID + ["-n", "2,2"],
+                      GRID + ["-n", "2,2,2", "--outputs", "volume"]):
         assert run(*arguments, text="", status=2)[1] != "", arguments
 
 
@@ -146,6 +152,45 @@ def test_large_batches_go_in_pieces_with_a_bar():
     # mode reads carriage returns as newlines.)
     if err:
         assert err.endswith("\n\033[K"), repr(err[-40:])
+
+
+def test_grid_is_eval_at_its_points():
+    out = run(*GRID, "-n", "3,2,4", "--outputs", "value,normal")[0]
+    points = "".join("%g,%g,%g\n" % (x, y, z) for x in (-1, 0, 1)
+                     for y in (-0.5, 0.5) for z in (0, 0.75, 1.5, 2.25))
+    equal(out, run("eval", LETTER, text=points, *["--outputs",
+                                                  "value,normal"])[0])
+    equal(run(*GRID, "-n", "1,1,1", "--outputs", "value")[0].splitlines()[0],
+          "x,y,z,value")
+
+
+def test_grid_files_have_its_shape():
+    run(*GRID, "-n", "5,4,6", "-o", "g.npy", "--outputs", "value")
+    npy = open(path("g.npy"), "rb").read()
+    same(npy[:128].decode("latin-1"), "'shape': (5, 4, 6), }")
+    run(*GRID, "-n", "5,4,6", "-o", "g.f32", "--outputs", "value")
+    equal(open(path("g.f32"), "rb").read(), npy[128:])
+    equal(len(npy), 128 + 5 * 4 * 6 * 4)
+    volume = subprocess.run(
+        ["curl", "-sf", "--noproxy", "*", "--data-binary", "@g.npy", "-H",
+         "Content-Type: application/x-npy", os.environ["BLOBFIELD_URL"] +
+         "/v1/volumes?min=-1,-0.5,0&max=1,0.5,2.25&kind=field"], cwd=folder,
+        capture_output=True, check=True).stdout
+    equal(json.loads(volume)["shape"], [5, 4, 6])
+    run(*GRID, "-n", "5,1,6", "-o", "g.npy")
+    same(open(path("g.npy"), "rb").read(128).decode("latin-1"),
+         "'shape': (5, 1, 6, 4), }")
+    run(*GRID, "-n", "2,1,1", "-o", "g.json")
+    equal(len(json.load(open(path("g.json")))["rows"]), 2)
+
+
+def test_grid_refusals_have_their_places():
+    same(run(*GRID, "-n", "1000,1000,9", status=1)[1],
+         "blobfield grid: /counts: there are 9000000 points")
+    same(run(*GRID[:2], "--min", "0,1,0", "--max", "1,0,1", "-n", "2,2,2",
+             status=1)[1], "blobfield grid: /max/1: ")
+    run("grid", "nobody", *GRID[2:], "-n", "2,2,2", status=1)
+    equal(run("list")[0], "")
 
 
 def test_bad_rows_end_with_4():
@@ -440,6 +485,7 @@ def test_readme_quick_start():
           (0, ""))
     for name in ("a.glb", "a.png", "a-slice.png"):
         assert os.path.getsize(path(name)) > 1000, name
+    equal(os.path.getsize(path("a.npy")), 128 + 64 * 32 * 64 * 4)
 
 
 def test_readme_program():
@@ -463,6 +509,8 @@ def test_no_leaks():
                               (1, ["revisions", "nowhere"]),
                               (1, ["events", "nowhere"]),
                               (0, ["mesh", LETTER, "-r", "8", "-o", "v.ply"]),
+                              (0, GRID + ["-n", "3,3,3", "-o", "v.npy"]),
+                              (1, GRID + ["-n", "1000,1000,9"]),
                               (4, ["eval", LETTER, "nowhere.csv"])):
         # curl's and OpenSSL's own are still reachable.
         run("-q", "--leak-check=full", "--show-leak-kinds=definite,indirect",

@@ -221,6 +221,70 @@ def test_evaluate_in_pieces():
         blobfield.scene.PIECE_POINTS = whole
 
 
+def test_grid_is_what_evaluate_says():
+    s = scene(LETTER)
+    # Exact in float32, so that NumPy's points are the daemon's.
+    lowest, highest, counts = (-1, -0.5, 0), (1, 0.5, 0.75), (5, 3, 4)
+    points = np.stack(np.meshgrid(*map(np.linspace, lowest, highest, counts),
+                                  indexing="ij"), axis=-1)
+    outputs = ["value", "hessian", "color"]
+    got, expected = (s.grid(lowest, highest, counts, outputs),
+                     s.evaluate(points, outputs))
+    assert list(got) == outputs and got.revision == s.revision
+    assert got.value.shape == counts and got.hessian.shape == counts + (3, 3)
+    for name in outputs:
+        assert (got[name] == expected[name]).all(), name
+    flat = s.grid(np.zeros(3), [1, 0, 0], np.array([2, 1, 1]))
+    assert flat.value.shape == (2, 1, 1) and list(flat) == ["value",
+                                                            "gradient"]
+    assert (flat.gradient[:, 0, 0] == s.evaluate([[0, 0, 0], [1, 0, 0]])
+            .gradient).all()
+
+
+def test_grid_becomes_a_volume():
+    samples = scene().grid([-2] * 3, [2] * 3, [16] * 3, "value").value
+    volume = client.upload(samples, [-2] * 3, [2] * 3)
+    assert volume.shape == (16, 16, 16)
+    assert volume.most == samples.max()
+    client.delete_volume(volume)
+
+
+def test_grid_refusals():
+    s = scene()
+    with raises(blobfield.InvalidContent, "/counts") as e:
+        s.grid([0, 0, 0], [1, 1, 1], [4096, 4096, 2])
+    assert e[0].errors[0].pointer == "/counts"
+    with raises(blobfield.InvalidContent) as e:
+        s.grid([0, 1, 0], [1, 0, 1], [0, 2])
+    assert e[0].errors[0].pointer == "/counts", e[0]
+    with raises(blobfield.InvalidContent, "/max/1"):
+        s.grid([0, 1, 0], [1, 0, 1], [2, 2, 2])
+    with raises(ValueError, "'colour'"):
+        s.grid([0, 0, 0], [1, 1, 1], [2, 2, 2], "colour")
+    with raises(TypeError):
+        s.grid([0, 0, 0], [1, 1, 1], [2, 2, 2.5])
+    with raises(blobfield.PreconditionFailed):
+        s.grid([0, 0, 0], [1, 1, 1], [2, 2, 2], if_match="0" * 32)
+    with raises(blobfield.DeadlineExceeded):
+        s.grid([-1, -1, -1], [1, 1, 1], [200, 100, 100], deadline=1e-3)
+    with raises(blobfield.Cancelled):
+        stop = blobfield.Cancellation()
+        stop.cancel()
+        s.grid([0, 0, 0], [1, 1, 1], [2, 2, 2], cancel=stop)
+
+
+def test_grid_cut_short():
+    # Rows that end before Content-Length: nothing of them comes out.
+    def answer(h):
+        h.rfile.read(int(h.headers["Content-Length"]))
+        h.say(200, b"\0" * 16, length=32)
+        h.close_connection = True
+    with server(answer) as url:
+        with blobfield.Client(url) as c:
+            with raises(blobfield.ConnectionFailed, "in the middle"):
+                c.scene("x").grid([0, 0, 0], [1, 1, 1], [2, 2, 2], "value")
+
+
 def test_evaluate_deadline():
     with raises(blobfield.DeadlineExceeded, "504") as e:
         scene(LETTER).evaluate(np.zeros((2000000, 3)), deadline=1e-3)

@@ -97,23 +97,6 @@ static struct log_request request_of(const char *target)
 
 /* ---- formats ---- */
 
-static void test_formats_and_levels_have_names(void **state)
-{
-	enum log_format format = LOG_JSON;
-	enum log_level level = LOG_DEBUG;
-
-	(void)state;
-	assert_true(log_format_named("text", &format));
-	assert_int_equal(format, LOG_TEXT);
-	assert_true(log_format_named("json", &format));
-	assert_int_equal(format, LOG_JSON);
-	assert_false(log_format_named("xml", &format));
-	assert_int_equal(format, LOG_JSON);
-	assert_true(log_level_named("error", &level));
-	assert_int_equal(level, LOG_ERROR);
-	assert_false(log_level_named("", &level));
-}
-
 static void test_text_line_of_a_request(void **state)
 {
 	struct log_request r = request_of("/v1/info");
@@ -513,7 +496,6 @@ static void test_lines_of_threads_do_not_mix(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_formats_and_levels_have_names),
 		cmocka_unit_test(test_text_line_of_a_request),
 		cmocka_unit_test(test_text_line_quotes_what_was_forwarded),
 		cmocka_unit_test(test_json_line_of_a_request),

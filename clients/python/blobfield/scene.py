@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import json
+import operator
 import os
 import tempfile
 import time
@@ -39,12 +40,12 @@ PIECE_POINTS = 4000000
 class Scene:
     """One scene of a Client; made by Client.scene or Client.create.
 
-    revision: the last one seen by this object, None before. evaluate, raycast,
-    project, mesh, render and slice take, besides their own:
+    revision: the last one seen by this object, None before. evaluate, grid,
+    raycast, project, mesh, render and slice take, besides their own:
         if_match  a revision: PreconditionFailed if the scene has another
         deadline  seconds: DeadlineExceeded if it takes longer
         cancel    a Cancellation
-        progress  (not evaluate) called with a stage and 0..1 while it runs;
+        progress  (not evaluate, grid) called with a stage and 0..1 while it runs;
                   what it raises cancels the work
     """
 
@@ -259,6 +260,31 @@ class Scene:
         whole = got[0] if len(got) == 1 else np.concatenate(got)
         return Values(whole.reshape(rows.shape[:-1] + whole.shape[-1:]),
                       names, if_match, draft)
+
+    def grid(self, min: Corner, max: Corner, counts: Sequence[int],
+             outputs: Union[str, Sequence[str]] = ("value", "gradient"),
+             *, priority: Optional[str] = None,
+             if_match: Optional[str] = None,
+             deadline: Optional[float] = None,
+             cancel: Optional[Cancellation] = None) -> Values:
+        """Values on a regular grid, which need not be sent: of shape counts,
+        (nx, ny, nz), [i, j, k] along x, y, z, the first point at min, the
+        last at max (where a count is 1: at min).
+
+        The numbers are those of evaluate at these points, bit for bit. All
+        goes in one request: InvalidContent if there are more points than the
+        daemon allows (--max-points, 8,000,000). Client.upload takes `value`
+        as it is, from 4 points an axis on.
+        """
+        names = chosen(outputs)
+        shape = tuple(operator.index(n) for n in counts)
+        answer = self._json("grid", {"min": min, "max": max, "counts": shape},
+                            if_match, OCTETS, cancel=cancel,
+                            outputs=",".join(names), priority=priority,
+                            deadline=deadline)
+        rows = table(answer.body, shape, sum(COLUMNS[n] for n in names))
+        return Values(rows, names, answer.revision,
+                      answer.headers.get("Blobfield-Draft") == "true")
 
     def bounds(self) -> Bounds:
         """Boxes about the field and the surface."""
