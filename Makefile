@@ -80,6 +80,17 @@ WEB_TESTS := $(wildcard tests/web/test_*)
 # Libraries that make the daemon's calls fail.
 FAULTS := $(patsubst tests/fault/%.c,$(B)/tests/fault/%.so,\
 	$(wildcard tests/fault/fail_*.c))
+# What takes ten seconds and more is begun first, the longest before all.
+TEST_LONGEST := web/test_web.mjs wire/test_hostile.py wire/test_cache \
+	device/test_accuracy wire/test_scale_out.py clients/test_python.py \
+	wire/test_shutdown device/test_lookup wire/test_faults wire/test_orders \
+	wire/test_animation wire/test_systemd.py clients/test_c.py \
+	wire/test_scenes wire/test_crash.py wire/test_keep wire/test_log \
+	unit/test_mesh_topology wire/test_tls.py wire/test_events \
+	wire/test_framing wire/test_device_loss wire/test_mesh_programs.py \
+	wire/test_metrics wire/test_drain.py unit/test_server_scheduler \
+	device/test_tiles wire/test_stream wire/test_tasks wire/test_access \
+	web/test_bundle.mjs
 VERDICTS := $(B)/tests/schema/document_verdicts
 BENCH := $(B)/tests/bench/bench
 SOAK := $(B)/tests/load/soak
@@ -315,7 +326,8 @@ test: packages-test
 	    $(DEVICE) $(WIRE) $(CLIENTS) $(VERDICTS) $(FAULTS) check-kernels
 	@$(MAKE) --no-print-directory $(WEB_STAMP) || \
 	    { echo 'is it the network? npm ping:'; ! npm ping --fetch-retries=0; }
-	@tests/run.sh $$([ -e $(WEB_STAMP) ] && echo $(WEB_TESTS) || \
+	@TEST_LONGEST='$(TEST_LONGEST)' \
+	    tests/run.sh $$([ -e $(WEB_STAMP) ] && echo $(WEB_TESTS) || \
 	    echo tests/web/skip.sh) $(SCRIPTS) $(WIRE) $(CLIENTS) $(DEVICE) \
 	    tests/schema/test_schema.py $(UNIT)
 

@@ -411,6 +411,7 @@ static void patch_now(struct exchange *x, struct scene *now,
 	p->change.precondition = *precondition;
 	p->change.scenes_most = access_scenes_most(x);
 	p->change.rebase = rebase;
+	p->change.rebase_ctx = p;
 	strcpy(p->change.id, now->id);
 	x->state = p;
 	x->state_free = free_patching;

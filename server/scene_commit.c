@@ -85,7 +85,7 @@ static enum err rebase(struct group *g, struct scene_change *change,
 	if (change->is_outdated)
 		return ERR_CONFLICT;
 	begin = clock_seconds();
-	err = change->rebase(change->ctx, now, &scene);
+	err = change->rebase(change->rebase_ctx, now, &scene);
 	g->rebase_seconds += clock_seconds() - begin;
 	if (err != ERR_OK)
 		return err;

@@ -163,14 +163,16 @@ struct scene_change {
 	struct precondition precondition;
 	/* Of a patch: etag of what it was made from, "" for none. If that is not
 	 * there any more, but something of at most rebase_most bytes, rebase
-	 * makes, on the writer's thread, a new scene from it, in *out; errors end
-	 * the change. Else, and where that took the writer long of late, it ends
-	 * with ERR_CONFLICT and is_outdated: for the caller to make it again, from
+	 * makes, on the writer's thread, a new scene from it, in *out; its ctx is
+	 * rebase_ctx, since ctx is that of whoever waits. Errors end the change.
+	 * Else, and where that took the writer long of late, it ends with
+	 * ERR_CONFLICT and is_outdated: for the caller to make it again, from
 	 * `now`. */
 	char base[ETAG_SIZE];
 	size_t rebase_most;      /* SIZE_MAX: whatever it takes */
 	enum err (*rebase)(void *ctx, const struct scene *now,
 	    struct scene **out);
+	void *rebase_ctx;
 	char etag[ETAG_SIZE];    /* SCENE_READ: which */
 	const struct backing_volume *volume; /* the caller's until done() */
 	/* Scenes that the owner may have, itself included (SIZE_MAX: any). */

@@ -1,12 +1,39 @@
 #!/bin/sh
 # Runs cmocka programs, shows what failed, and counts cases:
 #   tests/run.sh PROGRAM...
-# As many at a time as $TEST_JOBS says (the processors there are). The last line
-# is "N passed, N failed", and ", N skipped" if any were; the exit status is 0 if
-# none failed. A case that skips itself says why in a line "skipped: WHY".
+# As many at a time as $TEST_JOBS says (the processors there are), begun in the
+# order given, but for what $TEST_LONGEST names (FOLDER/PROGRAM), which is first.
+# The last lines are for whoever sees only them: of each program that failed the
+# cases that did, in short, and "N passed, N failed", with ", N skipped" if any
+# were. The exit status is 0 if none failed. A case that skips itself says why in a
+# line "skipped: WHY".
+
+# Lines of a program's log that are shown again, at most.
+AGAIN=40
+
+# Of a log, the cases that failed, and what is wrong outside of cases; measured
+# lines are worth reading there, too. Of what is long, its beginning and its end.
+show_failed() {
+	awk '
+	/^\[ RUN      \]/ { text = ""; inside = 1 }
+	{ text = text $0 "\n" }
+	/^\[       OK \]|^\[  SKIPPED \]/ { text = ""; inside = 0 }
+	/^\[  FAILED  \]/ && inside { printf "%s", text; text = ""; inside = 0 }
+	END { printf "%s", text }' "$1" | awk -v most="$AGAIN" '
+	{ line[NR] = $0 }
+	END {
+		head = NR > most ? int(most / 2) : NR
+		for (i = 1; i <= head; i++)
+			print "    " line[i]
+		if (NR > most)
+			printf "    ... %d lines\n", NR - most
+		for (i = NR > most ? NR - most + head + 1 : NR + 1; i <= NR; i++)
+			print "    " line[i]
+	}'
+}
 
 # One program: its counts to a file in folder $1, and a block on stdout, written
-# at once.
+# at once; if it failed, the short form of that to another file.
 run_one() {
 	folder=$1
 	program=$2
@@ -28,17 +55,22 @@ run_one() {
 		bad=1
 	fi
 	echo "$ok $bad $skip" >"$log.count"
+	head=$(printf '  %-6s %s: %d of %d, %d s' \
+		"$([ "$bad" -eq 0 ] && echo ok || echo FAIL)" \
+		"${program#build/}" "$ok" "$((ok + bad + skip))" \
+		"$(($(date +%s) - begin))")
 	{
-		printf '  %-6s %s: %d of %d, %d s\n' \
-			"$([ "$bad" -eq 0 ] && echo ok || echo FAIL)" \
-			"${program#build/}" "$ok" "$((ok + bad + skip))" \
-			"$(($(date +%s) - begin))"
+		echo "$head"
 		# What tests measure is worth reading also when they pass.
 		sed -n -e 's/^measured: /         /p' \
 			-e 's/^skipped: /         &/p' "$log"
 		[ "$bad" -eq 0 ] || sed 's/^/    /' "$log"
 	} >"$log.block"
 	cat "$log.block"
+	[ "$bad" -eq 0 ] || {
+		echo "$head, status $status"
+		show_failed "$log"
+	} >"$log.again"
 	rm -f "$log" "$log.block"
 }
 
@@ -47,9 +79,22 @@ if [ "$1" = --one ]; then
 	exit 0
 fi
 
+# $TEST_LONGEST's that are given, in its order, then the others in theirs.
+in_order() {
+	for program; do
+		name=${program#"${program%/*/*}"/}
+		place=0
+		for long in $TEST_LONGEST; do
+			[ "$name" != "$long" ] || break
+			place=$((place + 1))
+		done
+		echo "$place $program"
+	done | sort -s -n -k 1,1 | cut -d ' ' -f 2-
+}
+
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
-printf '%s\n' "$@" |
+in_order "$@" |
 	xargs -n 1 -P "${TEST_JOBS:-$(nproc)}" "$0" --one "$folder"
 
 passed=0
@@ -64,6 +109,13 @@ done
 # One that did not even get to count has failed.
 missing=$(($# - $(find "$folder" -name '*.count' | wc -l)))
 failed=$((failed + missing))
+[ "$failed" -eq 0 ] || {
+	echo
+	echo "what failed, in short:"
+	find "$folder" -name '*.again' -exec cat {} +
+	[ "$missing" -eq 0 ] || echo "  $missing have not ended"
+	echo
+}
 printf '%d passed, %d failed' "$passed" "$failed"
 [ "$skipped" -eq 0 ] || printf ', %d skipped' "$skipped"
 echo

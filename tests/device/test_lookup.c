@@ -244,23 +244,51 @@ static void test_lookup_in_images(void **state)
 /* And one that meets the ball in a part of the points. */
 #define NEAR "{\"type\":\"point\",\"center\":[0.5,0,0],\"radius\":0.5}"
 
+/* The tables so far: each is built once, for all pairs and widths. */
+#define BUILT_MAX 16
+
+static struct {
+	struct operator op;
+	struct table *table;
+} built[BUILT_MAX];
+
+static int built_count;
+
+static const struct table *table_of(const struct operator *op)
+{
+	struct table *table;
+
+	for (int i = 0; i < built_count; i++)
+		if (built[i].op.family == op->family &&
+		    built[i].op.layout == op->layout &&
+		    built[i].op.resolution == op->resolution &&
+		    profile_equal(&built[i].op.profile, &op->profile))
+			return built[i].table;
+	assert_true(built_count < BUILT_MAX);
+	assert_int_equal(table_create(op->family, &op->profile, op->layout,
+	    op->resolution, &table), ERR_OK);
+	table_build(table, 0, op->resolution);
+	built[built_count].op = *op;
+	built[built_count++].table = table;
+	return table;
+}
+
+static void free_tables(void)
+{
+	while (built_count > 0)
+		table_free(built[--built_count].table);
+}
+
 static struct device_tape *load_root(struct device *device, const char *root,
     int *slot)
 {
 	struct document *d = parse(root);
 	const struct tape *tape = document_tape(d);
 	struct device_tape *out;
-	struct table *table;
 
-	if (tape->operator_count > 0) {
-		const struct operator *op = tape->operators;
-
-		assert_int_equal(table_create(op->family, &op->profile,
-		    op->layout, op->resolution, &table), ERR_OK);
-		table_build(table, 0, op->resolution);
-		assert_int_equal(device_load_table(device, table, slot), ERR_OK);
-		table_free(table);
-	}
+	if (tape->operator_count > 0)
+		assert_int_equal(device_load_table(device,
+		    table_of(tape->operators), slot), ERR_OK);
 	assert_int_equal(device_load_tape(device, tape, slot, &out), ERR_OK);
 	document_free(d);
 	return out;
@@ -365,6 +393,13 @@ static void test_operand_of_zero_one_by_one(void **state)
 	check_zeros(1);
 }
 
+static int teardown(void **state)
+{
+	(void)state;
+	free_tables();
+	return 0;
+}
+
 /*
  * The points in two orders: at random, so that every work-item has lanes that
  * blend, lanes that do not and lanes of 0, and sorted by x, so that many have
@@ -427,5 +462,5 @@ int main(void)
 		cmocka_unit_test(test_lanes_do_not_depend_on_their_neighbours),
 	};
 
-	return cmocka_run_group_tests_name("lookup", tests, NULL, NULL);
+	return cmocka_run_group_tests_name("lookup", tests, NULL, teardown);
 }

@@ -131,7 +131,7 @@ void daemon_start(struct daemon *d, const char *const *arguments)
 	d->pid = spawn(all, ends[1], -1);
 	close(ends[1]);
 	d->out = ends[0];
-	if (!read_line(d->out, line, sizeof line, 10000) ||
+	if (!read_line(d->out, line, sizeof line, 60000) ||
 	    strncmp(line, prefix, strlen(prefix)) != 0)
 		fail_msg("the daemon's first line is '%s'", line);
 	snprintf(d->url, sizeof d->url, "%s", line + strlen(prefix));
@@ -140,6 +140,15 @@ void daemon_start(struct daemon *d, const char *const *arguments)
 		start_proxy(d);
 	assert_int_equal(sscanf(d->url, "http://127.0.0.1:%d", &d->port), 1);
 	assert_true(d->port > 0);
+}
+
+/* It is still to be waited for. */
+static int has_ended(pid_t pid)
+{
+	siginfo_t info = {.si_pid = 0};
+
+	return waitid(P_PID, (id_t)pid, &info, WEXITED | WNOHANG |
+	    WNOWAIT) == 0 && info.si_pid == pid;
 }
 
 void daemon_await_ready(struct daemon *d)
@@ -151,9 +160,12 @@ void daemon_await_ready(struct daemon *d)
 		http_reply_fini(&reply);
 		if (reply.status == 200)
 			return;
+		if (has_ended(d->pid))
+			break;
 		usleep(50000);
 	}
-	fail_msg("the daemon does not get ready");
+	fail_msg("the daemon %s", has_ended(d->pid) ? "has ended" :
+	    "does not get ready");
 }
 
 /* The exit status that waitpid's says, or -1, told why. */

@@ -21,13 +21,14 @@ struct daemon {
  * Starts $BLOBFIELDD, else the blobfieldd two folders above the test program,
  * with --no-cache --data :memory: --listen 127.0.0.1:0 --quiet and arguments (NULL-terminated; NULL:
  * none), and reads the address off its first line. Fails the running test if
- * that takes longer than 10 s. If BLOBFIELD_PROXY is set in the environment,
+ * that takes longer than a minute. If BLOBFIELD_PROXY is set in the environment,
  * "$BLOBFIELD_PROXY URL" is started before it, and d has that one's address:
  * the last word of its first line.
  */
 void daemon_start(struct daemon *d, const char *const *arguments);
 
-/* Waits until /readyz answers 200; fails the running test after 5 minutes. */
+/* Waits until /readyz answers 200; fails the running test after 5 minutes, or if
+ * the daemon has ended. */
 void daemon_await_ready(struct daemon *d);
 
 /* Sends signal_number and waits for the end; returns its exit status, or -1 if it

@@ -73,11 +73,13 @@ void http_do(const char *url, const struct http_request *request,
 	struct text head = {0}, body = {0};
 	struct curl_slist *headers = make_headers(request);
 	CURL *curl = curl_easy_init();
-	char full[512];
+	char full[512], why[CURL_ERROR_SIZE] = "";
+	CURLcode code;
 
 	snprintf(full, sizeof full, "%s%s", url, request->path);
 	*out = (struct http_reply){0};
 	curl_easy_setopt(curl, CURLOPT_URL, full);
+	curl_easy_setopt(curl, CURLOPT_ERRORBUFFER, why);
 	curl_easy_setopt(curl, CURLOPT_PATH_AS_IS, 1L);
 	curl_easy_setopt(curl, CURLOPT_NOSIGNAL, 1L);
 	curl_easy_setopt(curl, CURLOPT_NOPROXY, "*");
@@ -88,8 +90,13 @@ void http_do(const char *url, const struct http_request *request,
 	curl_easy_setopt(curl, CURLOPT_HEADERFUNCTION, append);
 	curl_easy_setopt(curl, CURLOPT_HEADERDATA, &head);
 	set_request(curl, request);
-	if (curl_easy_perform(curl) == CURLE_OK)
+	code = curl_easy_perform(curl);
+	if (code == CURLE_OK)
 		curl_easy_getinfo(curl, CURLINFO_RESPONSE_CODE, &out->status);
+	else
+		fprintf(stderr, "no answer: %s %s: %s\n", request->method !=
+		    NULL ? request->method : "", full, why[0] != '\0' ? why :
+		    curl_easy_strerror(code));
 	curl_easy_cleanup(curl);
 	curl_slist_free_all(headers);
 	out->headers = head.bytes;
@@ -171,7 +178,7 @@ int http_raw(int port, const char *bytes, size_t length, char *out,
 		bytes += n;
 		length -= (size_t)n;
 	}
-	while (got < size - 1 && poll(&poll_fd, 1, 5000) == 1 &&
+	while (got < size - 1 && poll(&poll_fd, 1, 30000) == 1 &&
 	    (n = recv(fd, out + got, size - 1 - got, 0)) > 0)
 		got += (size_t)n;
 	out[got] = '\0';

@@ -438,3 +438,16 @@ double load_quantile(double *values, size_t count, double p)
 	qsort(values, count, sizeof(*values), by_size);
 	return values[(size_t)(p * (double)(count - 1) + 0.5)];
 }
+
+bool load_is_soon(double seconds, double bound)
+{
+	double average = 0.0, processors = (double)sysconf(
+	    _SC_NPROCESSORS_ONLN), crowd;
+
+	getloadavg(&average, 1);
+	crowd = average > processors ? average / processors : 1.0;
+	if (seconds >= bound)
+		printf("measured: %.2f s, of %.2f, at a load average of %.0f\n",
+		    seconds, bound, average);
+	return seconds < 4.0 * crowd * bound;
+}

@@ -64,4 +64,12 @@ int load_exchange(int fd, const struct load_request *request, bool keep,
 /* A connected, blocking socket with TCP_NODELAY; -1. */
 int load_connect(int port);
 
+/*
+ * Whether what took so many seconds is within bound, which is what it may take on
+ * a machine that does nothing else: four times as much is let pass, and as many
+ * times more as more threads want to run than there are processors. For what would
+ * take much longer, or for ever, if it were wrong.
+ */
+bool load_is_soon(double seconds, double bound);
+
 #endif

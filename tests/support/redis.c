@@ -48,7 +48,7 @@ void redis_start_again(struct redis *r)
 	assert_true(r->pid >= 0);
 	if (r->pid == 0)
 		run_server(r);
-	for (int i = 0; i < 500; i++) {
+	for (int i = 0; i < 3000; i++) {
 		if (redis_cli(r, "ping", answer, sizeof answer) == 0 &&
 		    strstr(answer, "PONG") != NULL)
 			return;

@@ -21,6 +21,7 @@
 #include <cjson/cJSON.h>
 
 #include "server/log.h"
+#include "tests/support/load.h"
 
 #define ID "0123456789abcdef-00000001"
 #define TRACE "4bf92f3577b34da6a3ce929d0e0e4736"
@@ -404,7 +405,7 @@ static void test_full_pipe_holds_nobody_up(void **state)
 	lost = log_lost() - before;
 	/* 64 KiB hold about 700 lines; one wait of 0.1 s. */
 	assert_in_range(lost, 3000, 4990);
-	assert_true(seconds < 2.0);
+	assert_true(load_is_soon(seconds, 2.0));
 	printf("measured: 5000 lines to a full pipe: %.3f s, %lu lost\n",
 	    seconds, lost);
 	text = malloc(1 << 17);

@@ -636,20 +636,20 @@ static void test_memory_is_what_is_kept_when_commits_fail(void **state)
 	    THREADS * ROUNDS);
 }
 
-/* Adds a letter. */
+/* Adds the letter that ctx is. */
 static enum err append(void *ctx, const struct scene *now, struct scene **out)
 {
 	struct faults faults = {0};
 	char text[64];
 
-	(void)ctx;
-	snprintf(text, sizeof text, "%sx", now->text);
+	snprintf(text, sizeof text, "%s%s", now->text, (const char *)ctx);
 	return scene_build(&server, NULL, now->id, text, strlen(text), out,
 	    &faults);
 }
 
 static void submit_patch(struct asked *a, const char *base)
 {
+	static char letter[] = "x";
 	struct faults faults = {0};
 	char text[64];
 
@@ -658,7 +658,7 @@ static void submit_patch(struct asked *a, const char *base)
 	snprintf(text, sizeof text, "%sx", base);
 	a->change = (struct scene_change){.kind = SCENE_PUT, .id = "a",
 	    .scenes_most = SIZE_MAX, .done = on_done, .ctx = a,
-	    .rebase = append,
+	    .rebase = append, .rebase_ctx = letter,
 	    .rebase_most = SIZE_MAX};
 	etag_of(base, strlen(base), a->change.base);
 	assert_int_equal(scene_build(&server, NULL, "a", text, strlen(text),
@@ -684,6 +684,26 @@ static void test_patches_of_one_base_are_all_there(void **state)
 	delete("a");
 	submit_patch(a, "p");
 	assert_int_equal(await(a), ERR_NOT_FOUND);
+}
+
+/* As the worker does with one that others have outrun. */
+static void test_a_patch_that_is_waited_for_is_rebased(void **state)
+{
+	char letter[] = "y";
+	struct scene_change change = {.kind = SCENE_PUT, .id = "a",
+	    .scenes_most = SIZE_MAX, .rebase = append, .rebase_ctx = letter,
+	    .rebase_most = SIZE_MAX};
+	struct faults faults = {0};
+
+	(void)state;
+	put("a", "p");
+	etag_of("o", 1, change.base);
+	assert_int_equal(scene_build(&server, NULL, "a", "oy", 2,
+	    &change.scene, &faults), ERR_OK);
+	scene_store_change(server.scenes, &change);
+	assert_int_equal(change.result, ERR_OK);
+	scene_release(change.now);
+	assert_text("a", "py");
 }
 
 static void test_history_is_trimmed(void **state)
@@ -817,7 +837,7 @@ static bool has_volume(const char *id)
 
 static void await_gone(int count)
 {
-	for (int i = 0; i < 300 && fake.gone < count; i++)
+	for (int i = 0; i < 3000 && fake.gone < count; i++)
 		usleep(10000); /* the writer looks once a second */
 	assert_int_equal(fake.gone, count);
 }
@@ -1086,7 +1106,7 @@ static void test_rollback_is_told(void **state)
 	put("a", "two");
 	fake.list[1].is_dead = true;
 	fake.options.lost(fake.options.changed.ctx);
-	for (int i = 0; i < 300 && event_count < 3; i++)
+	for (int i = 0; i < 3000 && event_count < 3; i++)
 		usleep(10000);
 	assert_text("a", "one");
 	assert_event(2, 1, true);
@@ -1106,7 +1126,7 @@ static void test_shared_store_is_read_when_it_comes(void **state)
 	assert_false(scene_store_is_ready(server.scenes));
 	assert_int_equal(put("b", "one"), ERR_UNAVAILABLE);
 	fake.away = 0;
-	for (int i = 0; i < 300 && !scene_store_is_ready(server.scenes); i++)
+	for (int i = 0; i < 3000 && !scene_store_is_ready(server.scenes); i++)
 		usleep(10000);
 	assert_true(scene_store_is_ready(server.scenes));
 	assert_text("a", "theirs");
@@ -1116,7 +1136,7 @@ static void test_shared_store_is_read_when_it_comes(void **state)
 	keep("a", "changed");
 	keep("b", NULL);
 	fake.options.lost(fake.options.changed.ctx);
-	for (int i = 0; i < 300 && event_count < 2; i++)
+	for (int i = 0; i < 3000 && event_count < 2; i++)
 		usleep(10000);
 	assert_text("a", "changed");
 	assert_text("b", NULL);
@@ -1137,6 +1157,7 @@ int main(void)
 		CASE(test_commit_that_fails_has_never_been),
 		CASE(test_memory_is_what_is_kept_when_commits_fail),
 		CASE(test_patches_of_one_base_are_all_there),
+		CASE(test_a_patch_that_is_waited_for_is_rebased),
 		CASE(test_history_is_trimmed),
 		CASE(test_owner_stays_and_is_counted),
 		CASE(test_restart_reads_what_is_kept),

@@ -28,6 +28,7 @@
 #include "server/program.h"
 #include "server/scheduler.h"
 #include "tests/support/fail_alloc.h"
+#include "tests/support/load.h"
 #include "tests/support/random_tree.h"
 
 #define PIECE 4096
@@ -1261,7 +1262,7 @@ static void test_jobs_wait_while_the_device_is_away(void **state)
 	finish(&c, ERR_OK, 0);
 	/* 0.7 s, and the time it takes to wake up */
 	assert_true(clock_seconds() - begin > 0.69);
-	assert_true(clock_seconds() - begin < 1.0);
+	assert_true(load_is_soon(clock_seconds() - begin, 1.0));
 	await_opens(&bed, 5, 1);
 	tear_down(&bed);
 }
@@ -1289,10 +1290,9 @@ static void test_jobs_do_not_wait_for_ever_for_the_device(void **state)
 	submit(&timed);
 	finish(&timed, ERR_DEADLINE, 0);
 	finish(&gone, ERR_CANCELLED, 0);
-	assert_true(clock_seconds() - begin < 0.9);
 	finish(&c, ERR_DEVICE, 0);
 	assert_true(clock_seconds() - begin > 0.99);
-	assert_true(clock_seconds() - begin < 1.7);
+	assert_true(load_is_soon(clock_seconds() - begin, 1.7));
 	/* From now on they are told at once. */
 	start(&bed, &c, 4, 0, 10, JOB_INTERACTIVE);
 	finish(&c, ERR_DEVICE, 0);
@@ -1386,9 +1386,10 @@ static void test_a_launch_that_hangs_is_noticed(void **state)
 	assert_true(scheduler_watch(bed.s));
 	let_go();
 	finish(&c, ERR_OK, 0);
-	fake.pace = 0.04; /* 10 points: 0.4 s without asking */
+	fake.pace = 0.1; /* 10 points: 1 s without asking */
 	start(&bed, &c, 2, 0, 10, JOB_INTERACTIVE);
-	usleep(300000);
+	for (int i = 0; i < 30000 && scheduler_watch(bed.s); i++)
+		usleep(1000);
 	assert_false(scheduler_watch(bed.s));
 	assert_false(stats_of(&bed).ready);
 	finish(&c, ERR_OK, 0);

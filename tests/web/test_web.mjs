@@ -94,7 +94,7 @@ async function open(hash = "", options = {}, prepare = null) {
 			console.error("CSP violation:", event.violatedDirective,
 				event.blockedURI, event.sourceFile, event.lineNumber)));
 	const page = await context.newPage();
-	page.setDefaultTimeout(12000);
+	page.setDefaultTimeout(60000);
 	watch(page);
 	await prepare?.(page);
 	page.answer = await page.goto(`${daemon.url}/${hash}`);
@@ -366,10 +366,11 @@ cases.test_superseded_requests_are_aborted_and_stale_answers_dropped = async () 
 	const failed = [];
 	const listen = (request) => failed.push(request.failure().errorText);
 	page.on("requestfailed", listen);
-	let held = 0;
+	let held = 0, release;
+	const released = new Promise((done) => { release = done; });
 	await page.route("**/mesh*", async (route) => {
 		if (held++ === 0)
-			await new Promise((done) => setTimeout(done, 1500));
+			await released;
 		await route.continue().catch(() => {});
 	});
 	const surfaces = await page.evaluateHandle(() => {
@@ -383,7 +384,8 @@ cases.test_superseded_requests_are_aborted_and_stale_answers_dropped = async () 
 	const stale = await page.evaluate(() => window.__blobfield.session.etag);
 	await edit(page, "\"radius\": 0.31", "\"radius\": 0.12");
 	await settled(page);
-	await page.waitForTimeout(1600);
+	release();
+	await page.waitForTimeout(500);
 	const seen = await surfaces.jsonValue();
 	const now = await state(page);
 	assert.notEqual(now.etag, stale);
@@ -751,11 +753,12 @@ cases.test_slider_under_slow_surfaces_ends_fine = async () => {
 	asked = [];
 	const before = await state(page);
 	const iso = await hold(page, "iso");
-	for (let i = 0; i < 14; i++) {
-		await iso.to(0.5 - 0.015 * i);
+	let during = before;
+	for (let i = 0; i < 14 || (during.count === before.count && i < 500); i++) {
+		await iso.to(0.5 - 0.015 * (i % 14));
 		await page.waitForTimeout(60);
+		during = await state(page);
 	}
-	const during = await state(page);
 	await page.mouse.up();
 	await settled(page);
 	await page.unroute("**/mesh*");
@@ -944,6 +947,8 @@ cases.test_picks_come_in_order_and_not_from_what_is_cut_away = async () => {
 	});
 	await page.mouse.click(near.x, near.y);
 	await page.mouse.click(far.x, far.y);
+	await page.waitForFunction(() =>
+		window.__blobfield.selected === "/root/children/1");
 	await page.waitForTimeout(1000);
 	await page.unroute("**/raycast");
 	assert.equal((await state(page)).selected, "/root/children/1");

@@ -564,7 +564,7 @@ static int count_waiting(const char *url)
 
 static void await_waiting(const char *url, int count)
 {
-	for (int i = 0; i < 1000 && count_waiting(url) != count; i++)
+	for (int i = 0; i < 15000 && count_waiting(url) != count; i++)
 		usleep(2000);
 	assert_int_equal(count_waiting(url), count);
 }

@@ -432,7 +432,7 @@ static void kill_midway(struct daemon *d, const char *folder)
 	assert_int_equal(waitpid(d->pid, &status, 0), d->pid);
 	assert_true(ends_soon(d->out));
 	close(d->out);
-	for (int i = 0; i < 500 && !is_gone(child); i++)
+	for (int i = 0; i < 3000 && !is_gone(child); i++)
 		usleep(10000);
 	assert_true(is_gone(child));
 	assert_int_equal(folder_count(folder, "kernels-"), 0);

@@ -126,7 +126,7 @@ def test_nor_where_connections_are_as_many_as_may_be():
 
 def test_who_waits_to_be_taken_is_answered():
     """What is in the listener's queue when it is closed would be reset."""
-    process, port = start("", "--drain-time", "5")
+    process, port = start("", "--drain-time", "60")
     os.kill(process.pid, signal.SIGSTOP)
     socks = [socket.create_connection(("127.0.0.1", port), 20)
              for _ in range(20)]

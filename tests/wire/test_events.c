@@ -636,7 +636,7 @@ static void fill_with_listeners(const struct daemon *d, struct sse *s,
 static void assert_bounded(const struct daemon *d, struct sse *s)
 {
 	struct sse more;
-	double end = now() + 10.0;
+	double end = now() + 60.0;
 
 	assert_false(sse_open(&more, d->port, "/v1/scenes/a/events", ""));
 	assert_int_equal(more.status, 503);
@@ -690,7 +690,7 @@ static void test_listeners_are_bounded_and_end_with_the_daemon(void **unused)
 	free(s);
 	printf("measured: the daemon ended in %.0f ms with %d listeners, one "
 	    "stuck\n", 1e3 * begin, LISTENERS + 1);
-	assert_true(SANITIZED || begin < 10.0);
+	assert_true(SANITIZED || load_is_soon(begin, 10.0));
 }
 
 static void test_an_idle_listener_hears_a_comment(void **state)

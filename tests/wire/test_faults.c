@@ -820,7 +820,7 @@ static void try_start(struct bed *bed, enum fault_kind kind, unsigned long n,
 		run_clean(bed);
 	}
 	kill(d->pid, SIGTERM);
-	for (int i = 0; i < 1000 &&
+	for (int i = 0; i < 3000 &&
 	    waitpid(d->pid, &status, WNOHANG) != d->pid; i++)
 		usleep(10000);
 	if (status != 0)

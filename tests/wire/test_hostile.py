@@ -69,7 +69,7 @@ class Daemon:
             time.sleep(0.1)
 
     def connect(self):
-        sock = socket.create_connection(("127.0.0.1", self.port), 20)
+        sock = socket.create_connection(("127.0.0.1", self.port), 60)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return sock
 
@@ -84,7 +84,7 @@ class Daemon:
         """Status and body of the first answer to text; 0: none."""
         return split(self.talk(text))
 
-    def talk(self, text, patience=20):
+    def talk(self, text, patience=60):
         """All that comes until the daemon closes, or nothing does."""
         with self.connect() as sock:
             with contextlib.suppress(OSError):
@@ -143,6 +143,12 @@ def post(path, value, headers=b""):
 
 def statuses(answer):
     return [int(s) for s in re.findall(rb"HTTP/1\.1 (\d\d\d) ", answer)]
+
+
+def is_soon(seconds, bound):
+    """Of what takes so many seconds where nothing else runs; load is let pass."""
+    crowd = max(1.0, os.getloadavg()[0] / os.cpu_count())
+    return seconds < 2 * crowd * bound
 
 
 def alive(daemon):
@@ -450,7 +456,7 @@ def attack_by_dripping(daemon):
     begin = time.monotonic()
     longest = 0.0
     left = list(zip(socks, starts))
-    while left and time.monotonic() - begin < 15:
+    while left and time.monotonic() - begin < 45:
         rest = []
         for sock, start in left:
             try:
@@ -471,9 +477,9 @@ def attack_by_dripping(daemon):
     for sock in socks:
         sock.close()
     assert not left, "%d are not cut" % len(left)
-    # Looked for once a second; the request line counts from the start.
-    assert seconds < (4 if IS_SANITIZED else 2.5) + 2 * REQUEST_TIME, seconds
-    assert longest < 1.0, longest
+    # Looked for once a second; the request line counts from the start. Else it would be the library's minute of silence.
+    assert is_soon(seconds, 2 + REQUEST_TIME), seconds
+    assert is_soon(longest, 1.0), longest
     return "the last of 150 that drip was cut after %.1f s of %d, others " \
         "waited %.0f ms at most" % (seconds, REQUEST_TIME, 1e3 * longest)
 
@@ -512,7 +518,7 @@ def attack_by_idling(daemon):
                                     "points": [0, 0, 0]})[0] == 200
     for sock in socks:
         sock.close()
-    assert slowest < (5.0 if IS_SANITIZED else 1.0), slowest
+    assert is_soon(slowest, 2.5 if IS_SANITIZED else 1.0), slowest
     return "beside %d idle connections the slowest of 20 GETs took %.1f ms" % (
         IDLE, 1e3 * slowest)
 
@@ -639,7 +645,7 @@ def test_idle_connections_make_place():
     for sock in socks:
         sock.close()
     daemon.stop()
-    assert slowest < 2.0, slowest
+    assert is_soon(slowest, 1.5), slowest
     print("measured: with 300 idle connections where 64 may be, the slowest "
           "of 20 GETs took %.1f ms" % (1e3 * slowest))
 
@@ -655,14 +661,23 @@ def test_connections_of_an_address_are_counted():
             sock.sendall(SMUGGLED)
             served += drain_some(sock).startswith(b"HTTP/1.1 200")
         sock.close()
-    time.sleep(0.5)
-    alive(daemon)
+    # Those that hung up make room as soon as it is noticed.
+    begin = time.monotonic()
+    while not is_alive(daemon):
+        assert time.monotonic() - begin < 45
+        time.sleep(0.1)
     daemon.stop()
     assert served == 20, served
 
 
+def is_alive(daemon):
+    with contextlib.suppress(OSError):
+        return daemon.get("/healthz")[0] == 200
+    return False
+
+
 def drain_some(sock):
-    sock.settimeout(10)
+    sock.settimeout(60)
     return sock.recv(4096)
 
 

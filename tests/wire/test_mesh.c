@@ -900,7 +900,7 @@ static long await_progress(const struct daemon *d, long status)
 {
 	struct http_reply reply;
 
-	for (int i = 0; i < 1000; i++) {
+	for (int i = 0; i < 3000; i++) {
 		http_get(d->url, "/v1/progress/hung", &reply);
 		if (reply.status == 200)
 			assert_non_null(strstr(reply.body, "\"stage\""));

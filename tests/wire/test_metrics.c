@@ -80,7 +80,7 @@ static void assert_eval(const char *url)
 /* Counted when the answer has left, which a client may have before. */
 static void await_value(const char *url, const char *series, double value)
 {
-	for (int i = 0; i < 100 && value_of(url, series) < value; i++)
+	for (int i = 0; i < 3000 && value_of(url, series) < value; i++)
 		usleep(10000);
 	assert_near(value_of(url, series), value, 0.0);
 }
@@ -210,6 +210,21 @@ static void test_metrics_task_has_device_stages(void **state)
 	    "stage=\"queue\"}", 1.0);
 }
 
+/* How many series there are, once all that has been answered is counted. */
+static size_t await_count(const char *url)
+{
+	size_t count = 0;
+
+	for (int same = 0; same < 10; usleep(20000)) {
+		struct exposition *e = read_page(url);
+
+		same = exposition_count(e) == count ? same + 1 : 0;
+		count = exposition_count(e);
+		exposition_free(e);
+	}
+	return count;
+}
+
 /* What clients make up must make no series. */
 static void test_metrics_paths_are_no_labels(void **state)
 {
@@ -222,11 +237,7 @@ static void test_metrics_paths_are_no_labels(void **state)
 	http_reply_fini(&reply);
 	assert_int_equal(ask(URL(state), NULL, "/none", NULL, &reply), 404);
 	http_reply_fini(&reply);
-	exposition_free(read_page(URL(state)));
-	usleep(50000);
-	e = read_page(URL(state));
-	before = exposition_count(e);
-	exposition_free(e);
+	before = await_count(URL(state));
 	for (int i = 0; i < 40; i++) {
 		char path[64];
 

@@ -92,7 +92,7 @@ static cJSON *find_table(const cJSON *json, const cJSON *profile,
 static void await_resident(const char *url, const cJSON *profile,
     int resolution)
 {
-	for (int i = 0; i < 1000; i++) {
+	for (int i = 0; i < 3000; i++) {
 		cJSON *json = get(url, "/v1/operators");
 		const cJSON *table = find_table(json, profile, resolution);
 		bool there = table != NULL &&
@@ -353,7 +353,7 @@ static void test_orders_displace_no_table_in_use(void **state)
 	assert_int_equal(pthread_create(&client.thread, NULL, evaluate_scene,
 	    &client), 0);
 	/* Once it is resident. */
-	for (int i = 0; i < 1000; i++) {
+	for (int i = 0; i < 3000; i++) {
 		before = kept_table(d.url);
 		if (strcmp(string(before, "state"), "resident") == 0)
 			break;
@@ -416,7 +416,7 @@ static void test_orders_beyond_the_queue_are_refused_and_hang_ups_dropped(
 
 	for (int i = 0; i < ORDERS; i++)
 		fds[i] = send_order(d, 0.5 + 0.01 * i);
-	for (int tries = 0; tries < 1000 && refused < ORDERS - 9; tries++) {
+	for (int tries = 0; tries < 3000 && refused < ORDERS - 9; tries++) {
 		refused = 0;
 		for (int i = 0; i < ORDERS; i++)
 			refused += status_of(fds[i]) == 503;
@@ -436,6 +436,26 @@ static void test_orders_beyond_the_queue_are_refused_and_hang_ups_dropped(
 	cJSON_Delete(json);
 }
 
+/* Waits until so many requests are under way besides the one that asks, and
+ * their bodies, which came with their heads, have been read. */
+static void await_begun(const char *url, int count)
+{
+	char want[80];
+	bool there = false;
+
+	snprintf(want, sizeof want, "blobfield_http_requests_active{"
+	    "state=\"arrived\"} %d\n", count + 1);
+	for (int i = 0; i < 3000 && !there; i++) {
+		struct http_reply reply;
+
+		http_get(url, "/metrics", &reply);
+		there = strstr(reply.body, want) != NULL;
+		http_reply_fini(&reply);
+		usleep(10000);
+	}
+	assert_true(there);
+}
+
 static void test_sigterm_gives_orders_up(void **state)
 {
 	static const char *const arguments[] = {"--no-measure", NULL};
@@ -447,7 +467,7 @@ static void test_sigterm_gives_orders_up(void **state)
 	daemon_await_ready(&d);
 	for (int i = 0; i < 3; i++)
 		fds[i] = send_order(&d, 0.5 + 0.1 * i);
-	usleep(300000);
+	await_begun(d.url, 3);
 	assert_int_equal(daemon_stop(&d, SIGTERM), 0);
 	for (int i = 0; i < 3; i++) {
 		assert_int_equal(status_of(fds[i]), 503);

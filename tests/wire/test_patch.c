@@ -230,6 +230,7 @@ struct writer {
 	int index;
 	bool is_conditional;
 	int retries;
+	int wrong; /* answers: assertions are for the first thread only */
 };
 
 static void add_child(const struct writer *w, int n, const char *condition,
@@ -261,7 +262,7 @@ static void add_if_same(struct writer *w, int n)
 		http_reply_fini(&reply);
 		w->retries += status == 412;
 	} while (status == 412);
-	assert_int_equal(status, 200);
+	w->wrong += status != 200;
 }
 
 static void *write_children(void *arg)
@@ -277,7 +278,7 @@ static void *write_children(void *arg)
 		add_child(w, n, NULL, &reply);
 		if (reply.status != 200)
 			print_message("%ld: %s\n", reply.status, reply.body);
-		assert_int_equal(reply.status, 200);
+		w->wrong += reply.status != 200;
 		http_reply_fini(&reply);
 	}
 	return NULL;
@@ -317,22 +318,24 @@ static void write_at_once(const struct daemon *d, const char *path,
 	pthread_t threads[WRITERS];
 	char tag[TAG_MAX];
 	double begin, seconds;
-	int retries = 0;
+	int retries = 0, wrong = 0;
 	struct timespec t;
 
 	put(d->url, path, tag);
 	clock_gettime(CLOCK_MONOTONIC, &t);
 	begin = (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 	for (int i = 0; i < WRITERS; i++) {
-		writers[i] = (struct writer){d, path, i, is_conditional, 0};
+		writers[i] = (struct writer){d, path, i, is_conditional, 0, 0};
 		pthread_create(&threads[i], NULL, write_children, &writers[i]);
 	}
 	for (int i = 0; i < WRITERS; i++) {
 		pthread_join(threads[i], NULL);
+		wrong += writers[i].wrong;
 		retries += writers[i].retries;
 	}
 	clock_gettime(CLOCK_MONOTONIC, &t);
 	seconds = (double)t.tv_sec + 1e-9 * (double)t.tv_nsec - begin;
+	assert_int_equal(wrong, 0);
 	assert_children(d, path, WRITERS * CHILDREN);
 	printf("measured: %s: %d patches by %d clients at once in %.2f s, "
 	    "%d tried again\n", what, WRITERS * CHILDREN, WRITERS, seconds,
@@ -359,7 +362,7 @@ static void test_patches_at_once_by_compare_and_swap(void **state)
 /* Seconds of a PUT of another scene meanwhile. The worst of them took 6 to 26 ms
  * (two cores, with other work for ten), and 1036 ms when the writer made patches
  * anew, however large. */
-#define OTHER_SECONDS 0.5
+#define OTHER_SECONDS 0.15
 
 static atomic_int patching;
 
@@ -438,7 +441,7 @@ static void test_large_patches_keep_nobody_waiting(void **state)
 	atomic_store(&patching, LARGE_WRITERS);
 	for (int i = 0; i < LARGE_WRITERS; i++) {
 		writers[i] = (struct writer){d, "/v1/scenes/large", i, false,
-		    0};
+		    0, 0};
 		pthread_create(&threads[i], NULL, patch_large, &writers[i]);
 	}
 	for (others = 0; others < OTHERS_MOST &&
@@ -460,8 +463,8 @@ static void test_large_patches_keep_nobody_waiting(void **state)
 	    "nodes: median %.1f ms, worst %.1f ms\n", others, LARGE_WRITERS,
 	    LARGE_NODES, 1e3 * load_quantile(seconds, others, 0.5),
 	    1e3 * load_quantile(seconds, others, 1.0));
-	assert_true(load_quantile(seconds, others, 1.0) < OTHER_SECONDS *
-	    (SANITIZED ? 4 : 1));
+	assert_true(load_is_soon(load_quantile(seconds, others, 1.0),
+	    OTHER_SECONDS * (SANITIZED ? 4 : 1)));
 }
 
 /* Clients that hang up before the answer: the daemon minds nothing. */

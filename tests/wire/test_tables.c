@@ -18,6 +18,7 @@
 
 #include "tests/support/daemon.h"
 #include "tests/support/http.h"
+#include "tests/support/load.h"
 
 /* Two spheres and one more: an operator that is built in, and one that is not. */
 static const char body_format[] = "{\"scene\":{\"format\":\"blobfield/1\","
@@ -70,14 +71,14 @@ static double seconds(void)
 	return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-/* Seconds until so many evaluations wait; fails after 10. */
+/* Seconds until so many evaluations wait; fails after 60. */
 static double await_waiting(const char *url, int waiting)
 {
 	double begin = seconds();
 	char want[32];
 
 	snprintf(want, sizeof want, "\"queue\":{\"waiting\":%d,", waiting);
-	while (seconds() - begin < 10.0) {
+	while (seconds() - begin < 60.0) {
 		struct http_reply reply;
 		int found;
 
@@ -148,7 +149,7 @@ static void test_who_hangs_up_frees_the_place_in_the_queue(void **state)
 	client_start(&next, d.url, 0.8, "union");
 	assert_int_equal(client_finish(&next), 503);
 	close(fd);
-	assert_true(await_waiting(d.url, 0) < 1.5);
+	assert_true(load_is_soon(await_waiting(d.url, 0), 0.5));
 	/* Its table, of seconds, is not built. */
 	client_start(&next, d.url, 0.8, "union");
 	assert_int_equal(client_finish(&next), 200);
@@ -172,7 +173,7 @@ static void test_sigterm_builds_nothing_for_those_who_hung_up(void **state)
 		close(fds[i]);
 	begin = seconds();
 	assert_int_equal(daemon_stop(&d, SIGTERM), 0);
-	assert_true(seconds() - begin < 2.0);
+	assert_true(load_is_soon(seconds() - begin, 0.5));
 }
 
 int main(void)

@@ -22,6 +22,7 @@
 
 #include "tests/support/daemon.h"
 #include "tests/support/http.h"
+#include "tests/support/load.h"
 
 #define COUNT(array) (sizeof(array) / sizeof *(array))
 
@@ -100,7 +101,7 @@ static double figure(const char *url, const char *name)
 
 static void await_figure(const char *url, const char *name, double value)
 {
-	for (int i = 0; i < 1000 && figure(url, name) != value; i++)
+	for (int i = 0; i < 3000 && figure(url, name) != value; i++)
 		usleep(10000);
 	assert_int_equal(figure(url, name), value);
 }
@@ -182,7 +183,7 @@ static void test_deadline_ends_it(void **state)
 	    "Accept: application/x-npy", &reply), 504);
 	assert_non_null(strstr(reply.body, "/problems/deadline"));
 	http_reply_fini(&reply);
-	assert_true(time(NULL) - begin < 4);
+	assert_true(load_is_soon((double)(time(NULL) - begin), 1.0));
 	assert_int_equal(figure(d->url, "expired"), expired + 1);
 }
 

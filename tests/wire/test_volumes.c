@@ -157,7 +157,7 @@ static double bytes_alive(const char *url)
 /* Deleted scenes' tapes are freed by another thread, soon. */
 static void await_bytes(const char *url, double bytes)
 {
-	for (int i = 0; i < 500 && bytes_alive(url) != bytes; i++)
+	for (int i = 0; i < 3000 && bytes_alive(url) != bytes; i++)
 		usleep(10000);
 	assert_near(bytes_alive(url), bytes, 0.0);
 }
