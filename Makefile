@@ -197,6 +197,7 @@ $(B)/tests/unit/test_server_scheduler: $(addprefix $(B)/,$(patsubst %.c,%.o,\
 	server/crew.o server/log.o server/table_cache.o kernels/cache_file.o)
 
 $(B)/tests/unit/test_server_pace: $(B)/server/pace.o
+$(B)/tests/unit/test_turns: $(B)/server/turns.o
 
 $(B)/tests/unit/test_config: $(addprefix $(B)/,$(patsubst %.c,%.o,\
 	$(wildcard server/config*.c)) server/log.o)

@@ -11,6 +11,7 @@ static const char *const messages[ERR_COUNT] = {
 	[ERR_BUSY] = "queue full",
 	[ERR_CANCELLED] = "cancelled",
 	[ERR_DEADLINE] = "deadline passed",
+	[ERR_OVERTIME] = "took too long",
 	[ERR_DEVICE] = "device failure",
 	[ERR_DEVICE_BUILD] = "device compiler failure",
 	[ERR_DEVICE_MEMORY] = "out of device memory",

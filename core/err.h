@@ -17,6 +17,7 @@ enum err {
 	ERR_BUSY,        /* a bounded queue is full: try again */
 	ERR_CANCELLED,   /* given up before it ran: shutdown, or nobody waits */
 	ERR_DEADLINE,    /* not done by the time that was asked for */
+	ERR_OVERTIME,    /* took longer than anything may */
 	ERR_DEVICE,      /* an OpenCL call failed */
 	ERR_DEVICE_BUILD,/* the device's compiler refused a kernel */
 	ERR_DEVICE_MEMORY,/* the device, or our share of it, is full */

@@ -134,6 +134,11 @@ size_t eval_stream_bytes(const struct eval_stream *s)
 	    s->numbers.room * sizeof *s->numbers.xyz;
 }
 
+size_t eval_stream_text(const struct eval_stream *s)
+{
+	return s->text.kept.length;
+}
+
 /* Tells the faults found so far. */
 static void tell(const struct eval_stream *s, struct faults *faults)
 {

@@ -44,6 +44,9 @@ enum err eval_stream_feed(struct eval_stream *s, const char *data,
  * has arrived and a fixed sum. */
 size_t eval_stream_bytes(const struct eval_stream *s);
 
+/* Those of them that are text, which eval_stream_finish is to parse. */
+size_t eval_stream_text(const struct eval_stream *s);
+
 /*
  * The body is complete. Fills *out and faults as eval_request_parse (with_scene
  * or not), points_from_octets or points_from_npy would. Once only.

@@ -129,6 +129,7 @@ static void set_defaults(struct config *config)
 		.max_connections = 4096,
 		.max_connections_per_address = 1024,
 		.request_time = 60,
+		.work_time = 300,
 		.drain_time = 60,
 		.layout = LAYOUT_WARPED,
 		.measure = true,

@@ -39,6 +39,8 @@ struct config {
 	size_t max_connections, max_connections_per_address;
 	size_t request_time;      /* seconds for a request's head, and its body
 	                           * besides what its size gives */
+	size_t work_time;         /* seconds that an evaluation may take of the
+	                           * device, a task of its thread; 0: any */
 	size_t drain_time;        /* seconds, at most */
 	size_t drain_delay;       /* seconds between not ready and the drain */
 	char device_name[CONFIG_NAME_MAX]; /* or "" */

@@ -59,6 +59,10 @@ const struct config_option config_options[] = {
 	/* Each is a thread. */
 	{"tasks", "N", NUMBER(tasks), .most = 64,
 	    .help = "most meshes, pictures and the like made at a time (2)"},
+	{"work-time", "SECONDS", .kind = CONFIG_NUMBER, AT(work_time),
+	    .most = SECONDS_MOST,
+	    .help = "most time for one evaluation, mesh or the like; 0: any "
+	    "(300)"},
 	{"data", "DIR", TEXT(data),
 	    .help = "where scenes are kept, or :memory: "
 	    "(~/.local/share/blobfield)"},

@@ -285,6 +285,7 @@ static struct evaluation *create(struct exchange *x,
 		.priority = job_priority(terms->priority, count),
 		.deadline = terms->deadline > 0.0 ?
 		    x->begun + terms->deadline : 0.0,
+		.seconds_most = (double)x->server->config->work_time,
 		.piece = e->in_pieces ? take_piece : NULL,
 		.has_room = e->in_pieces ? has_room : NULL,
 		.park = park,

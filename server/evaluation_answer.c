@@ -6,6 +6,7 @@
 #include "proto/answer.h"
 #include "proto/answer_stream.h"
 #include "server/clock.h"
+#include "server/config.h"
 #include "server/evaluation.h"
 #include "server/evaluation_internal.h"
 #include "server/exchange.h"
@@ -44,6 +45,9 @@ static ptrdiff_t cut(const struct evaluation *e)
 		    "%s: the answer was cut short: %s%s%s", e->x->target,
 		    err_message(e->job.result),
 		    e->job.message[0] != '\0' ? ": " : "", e->job.message);
+	/* For the metrics: it is a refusal, though the head said 200. */
+	if (!e->overrun && e->job.result == ERR_OVERTIME)
+		e->x->problem = PROBLEM_WORK_TIME;
 	return EXCHANGE_CUT;
 }
 
@@ -263,6 +267,12 @@ static void reply_failure(struct exchange *x, const struct evaluation *e)
 		    "The deadline was %.3f s after the request began; the "
 		    "evaluation waited %.3f s and ran for %.3f s.",
 		    e->job.deadline - e->begun, waited(e), e->job.seconds);
+	else if (err == ERR_OVERTIME)
+		exchange_reply_problem(x, PROBLEM_WORK_TIME, NULL,
+		    "After %.3f s of the device's time the evaluation was "
+		    "given up; %zu s (--work-time) are the most. Ask for fewer "
+		    "points at a time, or of a smaller document.",
+		    e->job.seconds, x->server->config->work_time);
 	else
 		exchange_reply_problem(x, problem_from_err(err), NULL,
 		    "The evaluation failed: %s%s%s.", err_message(err),

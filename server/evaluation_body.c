@@ -44,6 +44,13 @@ static size_t bytes(const struct sink *sink)
 	return eval_stream_bytes(b->stream);
 }
 
+static size_t left(const struct sink *sink)
+{
+	const struct evaluation_body *b = (const struct evaluation_body *)sink;
+
+	return eval_stream_text(b->stream);
+}
+
 static void free_body(struct sink *sink)
 {
 	struct evaluation_body *b = (struct evaluation_body *)sink;
@@ -138,7 +145,7 @@ static void begin_stream(struct exchange *x,
 		    "There was no memory for the evaluation.");
 		return;
 	}
-	b->sink = (struct sink){feed, bytes, free_body};
+	b->sink = (struct sink){feed, bytes, left, free_body};
 	b->terms = *terms;
 	b->seconds = 0.0;
 	x->sink = &b->sink;

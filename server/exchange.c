@@ -138,23 +138,55 @@ bool exchange_check_content_type(struct exchange *x, unsigned mask,
 
 /* ---- waiting ---- */
 
-void exchange_wait(struct exchange *x)
+/* Has x, whose connection is not suspended yet, wait for exchange_resume. */
+static void suspend(struct exchange *x)
 {
-	x->waiting = true;
+	atomic_store(&x->parties, 1);
 	http_set_deadline(x, HTTP_NO_DEADLINE);
 	MHD_suspend_connection(x->connection);
 }
 
+void exchange_wait(struct exchange *x)
+{
+	if (x->is_away) {
+		x->waits_again = true;
+		atomic_fetch_add(&x->parties, 1);
+		return;
+	}
+	x->waiting = true;
+	suspend(x);
+}
+
 void exchange_resume(struct exchange *x)
 {
-	MHD_resume_connection(x->connection);
+	/* Else its handler has not returned yet. */
+	if (atomic_fetch_sub(&x->parties, 1) == 1)
+		MHD_resume_connection(x->connection);
+}
+
+void exchange_take_over(struct exchange *x)
+{
+	x->is_away = true;
+	x->waits_again = false;
+}
+
+static void resumed_with_answer(struct exchange *x)
+{
+	(void)x;
+}
+
+void exchange_hand_back(struct exchange *x)
+{
+	x->is_away = false;
+	if (!x->waits_again)
+		x->resumed = resumed_with_answer;
+	exchange_resume(x);
 }
 
 void exchange_pause(struct exchange *x)
 {
 	x->paused = clock_seconds();
-	http_set_deadline(x, HTTP_NO_DEADLINE);
-	MHD_suspend_connection(x->connection);
+	suspend(x);
 }
 
 bool exchange_is_connected(const struct exchange *x)

@@ -1,13 +1,15 @@
 /*
  * One request and the answer it gets: what handlers work on.
  *
- * Threads: an exchange belongs to the HTTP thread that calls the handler,
- * until exchange_wait; then to nobody, until exchange_resume, which any thread
- * may call once; then to the HTTP thread again.
+ * Threads: an exchange belongs to the thread that calls the handler, an HTTP
+ * thread or a reader (server/readers.h), until exchange_wait; then to nobody,
+ * until exchange_resume, which any thread may call once; then to an HTTP thread.
+ * It is not resumed before the handler has returned.
  */
 #ifndef SERVER_EXCHANGE_H
 #define SERVER_EXCHANGE_H
 
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 
@@ -36,6 +38,8 @@ struct sink {
 	/* False: nothing that follows matters; the handler will say why. */
 	bool (*feed)(struct sink *sink, const char *data, size_t length);
 	size_t (*bytes)(const struct sink *sink); /* of memory held */
+	/* Bytes that are kept for the handler to parse; NULL: hardly any. */
+	size_t (*left)(const struct sink *sink);
 	void (*free)(struct sink *sink);
 };
 
@@ -94,6 +98,9 @@ struct exchange {
 	bool checked;        /* the first callback has seen it */
 	bool owed;           /* counted by http_owed */
 	bool waiting;
+	bool is_away;        /* a reader calls its handler */
+	bool waits_again;    /* which has called exchange_wait */
+	atomic_int parties;  /* that have to let go of it for it to go on */
 	bool hung_up;        /* answer nothing, close */
 	bool refused_midway; /* answered while the body was arriving */
 	bool discard;        /* the body is of no interest */
@@ -140,6 +147,14 @@ bool exchange_check_content_type(struct exchange *x, unsigned mask,
 /* Takes the connection out of HTTP's hands until exchange_resume. */
 void exchange_wait(struct exchange *x);
 void exchange_resume(struct exchange *x);
+
+/*
+ * For another thread than HTTP's to call the handler of x, which waits: takes x
+ * over, and gives it back behind the handler, to be answered or to go on
+ * waiting.
+ */
+void exchange_take_over(struct exchange *x);
+void exchange_hand_back(struct exchange *x);
 
 /*
  * Whether the client's connection still stands; any thread, as long as x is not

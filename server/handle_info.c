@@ -96,6 +96,8 @@ static void add_limits(cJSON *json, const struct config *config)
 	cJSON_AddNumberToObject(limits, "queue", (double)config->queue);
 	cJSON_AddNumberToObject(limits, "tasks", (double)config->tasks);
 	cJSON_AddNumberToObject(limits, "tasks_waiting", TASKS_WAITING);
+	cJSON_AddNumberToObject(limits, "work_time",
+	    (double)config->work_time);
 	cJSON_AddNumberToObject(limits, "interactive_points",
 	    EVALUATION_SMALL_POINTS);
 	cJSON_AddNumberToObject(limits, "whole_answer",

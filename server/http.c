@@ -28,6 +28,7 @@
 #include "server/json_memory.h"
 #include "server/log.h"
 #include "server/metrics.h"
+#include "server/readers.h"
 #include "server/routes.h"
 #include "server/server.h"
 #include "server/tls.h"
@@ -314,7 +315,7 @@ static enum MHD_Result dispatch(struct exchange *x)
 	access_count_bytes(x, x->body_seen);
 	http_set_deadline(x, HTTP_NO_DEADLINE);
 	x->arrived = clock_seconds();
-	x->route->handle(x);
+	readers_handle(x);
 	return x->waiting ? MHD_YES : send_answer(x);
 }
 

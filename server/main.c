@@ -25,6 +25,7 @@
 #include "server/metrics.h"
 #include "server/notify.h"
 #include "server/orders.h"
+#include "server/readers.h"
 #include "server/scene_store.h"
 #include "server/scheduler.h"
 #include "server/server.h"
@@ -485,18 +486,22 @@ static enum err start(struct daemon *d, char url[static HTTP_URL_MAX])
 	if (err == ERR_OK)
 		err = tasks_create(config->tasks, &server->tasks);
 	if (err == ERR_OK)
+		err = readers_create(&server->readers);
+	if (err == ERR_OK)
 		err = http_start(server->http);
 	return err;
 }
 
 /*
- * In this order: tasks ask the scheduler, nothing may wait when HTTP stops,
- * HTTP's exchanges and the scenes hold programs, and programs hold tables.
+ * In this order: readers bring work to all others, tasks ask the scheduler,
+ * nothing may wait when HTTP stops, HTTP's exchanges and the scenes hold
+ * programs, and programs hold tables.
  */
 static void stop(struct server *server)
 {
 	if (server->events != NULL)
 		events_drain(server->events);
+	readers_stop(server->readers);
 	if (server->scenes != NULL)
 		scene_store_stop(server->scenes);
 	if (server->tasks != NULL)
@@ -506,6 +511,7 @@ static void stop(struct server *server)
 	if (server->orders != NULL)
 		orders_stop(server->orders);
 	http_stop(server->http);
+	readers_free(server->readers);
 	tasks_free(server->tasks);
 	events_free(server->events);
 	scene_store_free(server->scenes);

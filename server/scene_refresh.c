@@ -4,7 +4,7 @@
 #include <stdlib.h>
 
 #include "server/exchange.h"
-#include "server/routes.h"
+#include "server/readers.h"
 #include "server/scene_reply.h"
 #include "server/scene_store.h"
 #include "server/server.h"
@@ -57,7 +57,7 @@ static void begin_anew(struct exchange *x)
 	x->state = &refreshed;
 	x->state_free = free_nothing;
 	if (err == ERR_OK || err == ERR_NOT_FOUND)
-		x->route->handle(x);
+		readers_handle(x);
 	else
 		reply_unknown(x, err);
 }

@@ -73,6 +73,8 @@ struct job {
 	enum job_priority priority;
 	double deadline;         /* clock_seconds; 0: none. ERR_DEADLINE if it
 	                          * has not begun its last piece by then */
+	double seconds_most;     /* of the device's time; 0: any. ERR_OVERTIME
+	                          * if it has had them and needs more */
 	/*
 	 * NULL: the rows come whole, in `rows`. Else they come in pieces, from
 	 * the first to the last, before done(): count > 0 rows, those from

@@ -157,7 +157,8 @@ void scheduler_queue_finish(struct scheduler *s, struct job *const *jobs,
 /* One job. */
 void scheduler_queue_end(struct scheduler *s, struct job *job, enum err err);
 
-/* Why job must not run: its deadline has passed, or nobody waits for it. */
+/* Why job must not run: its deadline has passed, it has had its time, or nobody
+ * waits for it. */
 enum err scheduler_queue_check(const struct job *job);
 
 /* ---- scheduler_run.c ---- */

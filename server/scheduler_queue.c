@@ -295,6 +295,8 @@ enum err scheduler_queue_check(const struct job *job)
 {
 	if (job->deadline > 0.0 && clock_seconds() >= job->deadline)
 		return ERR_DEADLINE;
+	if (job->seconds_most > 0.0 && job->seconds >= job->seconds_most)
+		return ERR_OVERTIME;
 	return job->wanted(job->ctx) ? ERR_OK : ERR_CANCELLED;
 }
 

@@ -12,6 +12,7 @@ struct events;
 struct http;
 struct metrics;
 struct orders;
+struct readers;
 struct scene_store;
 struct scheduler;
 struct tables;
@@ -31,6 +32,7 @@ struct server {
 	struct scene_store *scenes;
 	struct volume_store *volumes;
 	struct tasks *tasks;
+	struct readers *readers; /* NULL: all is handled where it comes */
 	struct http *http;
 	double started;       /* clock_seconds */
 	atomic_bool draining; /* no new work; connections close after an answer */

@@ -9,6 +9,7 @@
 #include "proto/number.h"
 #include "server/access.h"
 #include "server/clock.h"
+#include "server/config.h"
 #include "server/evaluation.h"
 #include "server/exchange.h"
 #include "server/metrics.h"
@@ -45,12 +46,23 @@ static void leave(void *state, struct server *server)
 	let_go(task);
 }
 
+/* What runs at all has been started by who asks, or before that. */
+static bool is_overtime(const struct task *task)
+{
+	const size_t most = task->server->config->work_time;
+
+	return most > 0 && task->started > 0.0 &&
+	    clock_seconds() - task->started > (double)most;
+}
+
 enum err task_verdict(struct task *task)
 {
 	bool is_wanted;
 
 	if (task->deadline > 0.0 && clock_seconds() > task->deadline)
 		return ERR_DEADLINE;
+	if (is_overtime(task))
+		return ERR_OVERTIME;
 	if (task_pool_is_stopping(task->pool))
 		return ERR_CANCELLED;
 	pthread_mutex_lock(&task->lock);
@@ -104,6 +116,12 @@ static void reply_failure(struct exchange *x, const struct task *task)
 		    "work waited %.3f s and ran for %.3f s.",
 		    task->deadline - task->begun, wait_seconds(task),
 		    run_seconds(task));
+	else if (err == ERR_OVERTIME)
+		exchange_reply_problem(x, PROBLEM_WORK_TIME, NULL,
+		    "After %.3f s the work was given up; %zu s (--work-time) "
+		    "are the most. Ask for less at a time, or of a smaller "
+		    "document.", run_seconds(task),
+		    x->server->config->work_time);
 	else if (task->faults.count > 0)
 		evaluation_reply_faults(x, err, &task->faults);
 	else
@@ -205,9 +223,10 @@ static void reply_refusal(struct exchange *x, enum err err)
 {
 	if (err == ERR_BUSY)
 		exchange_reply_problem(x, PROBLEM_QUEUE_FULL, NULL,
-		    "%d requests for such work are waiting, or too much of "
-		    "their answers has not been read yet; try again soon.",
-		    TASKS_WAITING);
+		    "Requests for such work are waiting, %d at most and %d of "
+		    "one client, or too much of their answers has not been "
+		    "read yet; try again soon.", TASKS_WAITING,
+		    TASKS_WAITING_OF_ONE);
 	else if (err == ERR_DEADLINE)
 		exchange_reply_problem(x, PROBLEM_DEADLINE, NULL,
 		    "The deadline passed while the request arrived, which "
@@ -235,6 +254,7 @@ static struct task *create(struct exchange *x, struct scene *scene,
 	task->ctx = ctx;
 	task->scene = scene;
 	task->payer = access_keep(x);
+	access_asker(x, task->turn.asker);
 	task->begun = x->begun;
 	task->x = x;
 	strcpy(task->stage, "waiting");

@@ -2,7 +2,8 @@
  * Work on a scene that takes many evaluations: meshes, pictures, rays. A small
  * pool of threads does it, one task a thread, while the exchange waits; the
  * device is asked through the scheduler, so that tasks take turns with
- * everybody's evaluations.
+ * everybody's evaluations. Clients take turns, a task each: who has many that wait
+ * keeps another one waiting for no more than one of them, besides those that run.
  *
  * Threads: work() runs on a thread of the pool, which must not touch the
  * exchange; answer() on the HTTP thread, once, after it; free() on whichever
@@ -29,6 +30,11 @@ struct tasks;
 
 /* Tasks waiting at most. */
 #define TASKS_WAITING 64
+
+/* Those of one client (a token, or an address without one): the last quarter of
+ * the places is for who has none. What is of this machine where there are no
+ * tokens, which nobody tells apart, may have all. */
+#define TASKS_WAITING_OF_ONE (TASKS_WAITING - TASKS_WAITING / 4)
 #define TASK_TOKEN_MAX 64
 
 /* Bytes that requests of tasks and their answers, until they have left, may

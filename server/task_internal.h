@@ -22,6 +22,7 @@
 #include "kernels/device.h"
 #include "server/etag.h"
 #include "server/task.h"
+#include "server/turns.h"
 
 /* Room for the name of a stage. */
 #define TASK_STAGE_MAX 24
@@ -54,7 +55,8 @@ struct task {
 	size_t held;             /* bytes that count; the pool's lock */
 	bool is_queued;          /* has been */
 	bool is_small;           /* for the thread of small ones, too */
-	struct task *next;       /* that waits; the pool's lock */
+	struct turn turn;        /* while it waits; the pool's lock */
+	struct task *next_vain;  /* the watch's */
 	struct task *newer, *older; /* that live; the pool's lock */
 
 	pthread_mutex_t lock;    /* guards: */
@@ -66,7 +68,7 @@ struct task {
 /* task_sampler.c: makes task->sampler. */
 void task_init_sampler(struct task *task);
 
-/* Why task is to be given up by now, or ERR_OK: ERR_DEADLINE, or
+/* Why task is to be given up by now, or ERR_OK: ERR_DEADLINE, ERR_OVERTIME, or
  * ERR_CANCELLED. Any thread that holds it. */
 enum err task_verdict(struct task *task);
 

@@ -6,6 +6,7 @@
  * Exactly one thread ends a task: who took it out of the list of waiting ones.
  */
 #include <math.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
@@ -28,7 +29,7 @@ struct tasks {
 	pthread_mutex_t lock;    /* guards the rest */
 	pthread_cond_t work;     /* something waits, or stopping */
 	pthread_cond_t look;     /* the same, for the watch */
-	struct task *first, **last; /* that wait */
+	struct turns waiting;
 	struct task *newest;     /* that live */
 	struct tasks_stats stats;
 	bool draining;
@@ -42,28 +43,19 @@ bool task_pool_is_stopping(const struct tasks *t)
 
 /* ---- lists; locked ---- */
 
+static struct task *task_of(struct turn *turn)
+{
+	return (struct task *)((char *)turn - offsetof(struct task, turn));
+}
+
 static void enter(struct tasks *t, struct task *task)
 {
-	task->next = NULL;
-	*t->last = task;
-	t->last = &task->next;
+	turns_add(&t->waiting, &task->turn, 1);
 	task->older = t->newest;
 	if (t->newest != NULL)
 		t->newest->newer = task;
 	t->newest = task;
 	t->stats.waiting++;
-}
-
-/* Takes *at out of those that wait. */
-static struct task *take_out(struct tasks *t, struct task **at)
-{
-	struct task *task = *at;
-
-	*at = task->next;
-	if (*at == NULL)
-		t->last = at;
-	t->stats.waiting--;
-	return task;
 }
 
 static void forget(struct tasks *t, struct task *task)
@@ -105,11 +97,11 @@ static enum err work_on(struct task *task)
 /* The first of those that wait, or the first small one; or the end of the list:
  * there is none. Only the thread of small ones passes large ones by, so that
  * these are not starved however many small ones come. Locked. */
-static struct task **next_task(struct tasks *t, bool small_only)
+static struct turn **next_turn(struct tasks *t, bool small_only)
 {
-	struct task **at = &t->first;
+	struct turn **at = &t->waiting.first;
 
-	while (small_only && *at != NULL && !(*at)->is_small)
+	while (small_only && *at != NULL && !task_of(*at)->is_small)
 		at = &(*at)->next;
 	return at;
 }
@@ -117,16 +109,17 @@ static struct task **next_task(struct tasks *t, bool small_only)
 /* Waits for a task: NULL once stopping. Locked. */
 static struct task *await(struct tasks *t, bool small_only)
 {
-	struct task **at = next_task(t, small_only);
+	struct turn **at = next_turn(t, small_only);
 
 	while (*at == NULL && !atomic_load(&t->stopping)) {
 		pthread_cond_wait(&t->work, &t->lock);
-		at = next_task(t, small_only);
+		at = next_turn(t, small_only);
 	}
 	if (atomic_load(&t->stopping))
 		return NULL;
 	t->stats.running++;
-	return take_out(t, at);
+	t->stats.waiting--;
+	return task_of(turns_serve(&t->waiting, at));
 }
 
 static void *thread_main(void *arg)
@@ -158,20 +151,22 @@ static void *thread_main(void *arg)
 /* Takes out those that wait for nothing, as a list. Locked. */
 static struct task *pick_vain(struct tasks *t)
 {
-	struct task **at = &t->first, *vain = NULL;
+	struct turn **at = &t->waiting.first;
+	struct task *vain = NULL;
 
 	while (*at != NULL) {
-		struct task *task = *at;
+		struct task *task = task_of(*at);
 		enum err err = task_verdict(task);
 
 		if (err == ERR_OK) {
-			at = &task->next;
+			at = &task->turn.next;
 			continue;
 		}
-		take_out(t, at);
+		turns_drop(&t->waiting, at);
+		t->stats.waiting--;
 		count_out(t, task, err);
 		task->result = err;
-		task->next = vain;
+		task->next_vain = vain;
 		vain = task;
 	}
 	return vain;
@@ -182,7 +177,7 @@ static void end_all(struct task *list)
 	while (list != NULL) {
 		struct task *task = list;
 
-		list = task->next;
+		list = task->next_vain;
 		task_end(task, task->result);
 	}
 }
@@ -193,8 +188,10 @@ static struct timespec next_look(const struct tasks *t)
 	double seconds = WATCH_SECONDS;
 	struct timespec until;
 
-	for (const struct task *task = t->first; task != NULL;
-	    task = task->next) {
+	for (struct turn *turn = t->waiting.first; turn != NULL;
+	    turn = turn->next) {
+		const struct task *task = task_of(turn);
+
 		if (task->deadline > 0.0)
 			seconds = fmin(seconds, task->deadline -
 			    clock_seconds());
@@ -220,7 +217,7 @@ static void *watch_main(void *arg)
 			pthread_mutex_unlock(&t->lock);
 			end_all(vain);
 			pthread_mutex_lock(&t->lock);
-		} else if (t->first != NULL) {
+		} else if (t->waiting.first != NULL) {
 			pthread_cond_timedwait(&t->look, &t->lock, &until);
 		} else {
 			pthread_cond_wait(&t->look, &t->lock);
@@ -232,6 +229,16 @@ static void *watch_main(void *arg)
 
 /* ---- other threads ---- */
 
+/* Whether there is a place for one more of task's asker. Locked. */
+static bool has_place(const struct tasks *t, const struct task *task)
+{
+	const char *asker = task->turn.asker;
+
+	return t->waiting.count < TASKS_WAITING_OF_ONE ||
+	    (t->waiting.count < TASKS_WAITING && (asker[0] == '\0' ||
+	    turns_count_of(&t->waiting, asker) == 0));
+}
+
 enum err task_submit(struct task *task)
 {
 	struct tasks *t = task->pool;
@@ -240,7 +247,7 @@ enum err task_submit(struct task *task)
 	pthread_mutex_lock(&t->lock);
 	if (t->draining)
 		err = ERR_CANCELLED;
-	else if (t->stats.waiting >= TASKS_WAITING || (t->stats.held_bytes > 0 &&
+	else if (!has_place(t, task) || (t->stats.held_bytes > 0 &&
 	    t->stats.held_bytes + task->held > TASKS_HELD_MAX))
 		err = ERR_BUSY;
 	if (err == ERR_OK) {
@@ -322,7 +329,6 @@ enum err tasks_create(size_t threads, struct tasks **out)
 
 	if (t == NULL)
 		return ERR_MEMORY;
-	t->last = &t->first;
 	pthread_mutex_init(&t->lock, NULL);
 	pthread_cond_init(&t->work, NULL);
 	init_look(&t->look);

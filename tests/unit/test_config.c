@@ -314,6 +314,9 @@ static void test_flags_that_are_wrong(void **state)
 	    "--help'.\n"));
 	assert_int_equal(parse(t, "--data"), CONFIG_BAD);
 	assert_non_null(strstr(t->output, "--data: needs DIR\n"));
+	assert_int_equal(parse(t, "--work-time=86401"), CONFIG_BAD);
+	assert_int_equal(parse(t, "--work-time=0"), CONFIG_RUN);
+	assert_int_equal(t->config.work_time, 0);
 	assert_int_equal(parse(t, "--drain-time=86401"), CONFIG_BAD);
 	assert_string_equal(t->output, "blobfieldd: --drain-time: must be a "
 	    "whole number from 1 to 86400, not '86401'\nTry 'blobfieldd "

@@ -853,6 +853,30 @@ static void test_a_deadline_is_kept_between_pieces(void **state)
 	tear_down(&bed);
 }
 
+/* However long it waits: only the device's time counts. */
+static void test_what_takes_too_long_ends_between_pieces(void **state)
+{
+	struct client c, other;
+	struct bed bed;
+
+	(void)state;
+	set_up(&bed, 100);
+	prepare(&bed, &c, 1, 0, 1000 * PIECE, JOB_BULK);
+	prepare_pieces(&c);
+	c.job.seconds_most = 0.05;
+	prepare(&bed, &other, 2, 0, 10 * PIECE, JOB_BULK);
+	other.job.seconds_most = 1000.0;
+	submit(&c);
+	submit(&other);
+	await(&c);
+	assert_true(c.got > 0 && c.got < c.job.count);
+	assert_true(c.job.seconds >= 0.05);
+	finish(&c, ERR_OVERTIME, 0);
+	finish(&other, ERR_OK, 0);
+	assert_int_equal(stats_of(&bed).held_bytes, 0);
+	tear_down(&bed);
+}
+
 /* A program whose table, a small one or one that has a draft, nobody builds
  * until tables_start: its jobs wait. */
 static struct program *make_waiting_program(struct bed *bed, double k,
@@ -1999,6 +2023,7 @@ int main(void)
 		cmocka_unit_test(
 		test_a_deadline_is_kept_while_the_device_is_busy),
 		cmocka_unit_test(test_a_deadline_is_kept_between_pieces),
+		cmocka_unit_test(test_what_takes_too_long_ends_between_pieces),
 		cmocka_unit_test(
 		test_a_deadline_is_kept_while_tables_are_awaited),
 		cmocka_unit_test(

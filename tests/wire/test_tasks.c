@@ -311,6 +311,7 @@ static void test_info_tells_the_limits(void **state)
 	http_get(d->url, "/v1/info", &reply);
 	assert_non_null(strstr(reply.body, "\"tasks\":2,"));
 	assert_non_null(strstr(reply.body, "\"tasks_waiting\":64"));
+	assert_non_null(strstr(reply.body, "\"work_time\":300"));
 	http_reply_fini(&reply);
 }
 
