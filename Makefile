@@ -225,9 +225,9 @@ $(B)/tests/unit/test_table_cache: $(addprefix $(B)/,server/table_cache.o \
 
 # The scene store before a backing that the test plays; and the real one.
 $(B)/tests/unit/test_scene_store: $(addprefix $(B)/server/,scene.o \
-	scene_apply.o scene_commit.o scene_history.o scene_load.o scene_seq.o \
-	scene_store.o scene_table.o scene_worker.o scene_writer.o etag.o log.o \
-	volume_store.o)
+	scene_apply.o scene_commit.o scene_history.o scene_load.o \
+	scene_reader.o scene_seq.o scene_store.o scene_table.o scene_worker.o \
+	scene_writer.o etag.o log.o volume_store.o)
 $(B)/tests/unit/test_backing_sqlite: $(addprefix $(B)/server/,\
 	backing_sqlite.o sqlite_file.o scene_seq.o etag.o log.o)
 $(B)/tests/unit/test_scene_store $(B)/tests/unit/test_backing_sqlite: \

@@ -4,7 +4,10 @@
  * present in memory and is the only one to call this.
  *
  * Threads: all functions are called by the store's writer thread, but open and
- * the first load (before it is started), free (after it has ended), and is_well. A
+ * the first load (before it is started), free (after it has ended), is_well, and
+ * read: that is called by another one, after the first load, whatever the writer
+ * does meanwhile; one at a time. Neither waits for the other for longer than a
+ * text takes to be copied, or a file to be opened again after a failure. A
  * backing that hears of changes made elsewhere calls changed(), on a thread of
  * its own, and not from within a function called by the store: the store's turn
  * is held there. It may not hold a lock that such a function takes.
@@ -66,6 +69,7 @@ struct backing_write {
 	 * when it was kept, and whose the scene is. */
 	bool has_found, was_there;
 	char owner[TOKEN_NAME_MAX + 1];
+	struct scene_seq oldest; /* that is kept of it now; 0: not known */
 };
 
 struct backing_ops {
@@ -87,7 +91,8 @@ struct backing_ops {
 	 * is no such scene. NULL: nobody else writes. */
 	enum err (*refresh)(struct backing *b, const char *id,
 	    const struct backing_reader *reader);
-	/* An older revision's text. ERR_NOT_FOUND. */
+	/* An older revision's text, on the reader's thread, no lock held while
+	 * it is told. ERR_NOT_FOUND. */
 	enum err (*read)(struct backing *b, const char *id, const char *etag,
 	    const struct backing_reader *reader);
 	enum err (*put_volume)(struct backing *b,
@@ -110,6 +115,9 @@ struct backing {
 
 struct backing_options {
 	size_t history;          /* revisions of a scene that are kept, > 0 */
+	size_t history_bytes;    /* of those but the present one, at most: the
+	                          * oldest go first; 0: any. Lowered, it holds
+	                          * after load, or a scene's next change. */
 	/* Told of changes made elsewhere, on the backing's own thread, between
 	 * the two calls of guard: no write is made meanwhile. */
 	struct backing_reader changed;

@@ -28,6 +28,10 @@
 /* Changes, and scenes, that are sent before the first answer is read. */
 #define CHUNK 32
 
+/* After a failure older revisions are not asked for during so many seconds: those
+ * that wait behind one do not wait, one after another, as long as it has. */
+#define READ_PAUSE_SECONDS 1.0
+
 /* Its clock is read so often, while it is written. */
 #define CLOCK_SECONDS 5.0
 
@@ -84,7 +88,7 @@ struct sent {
 	char token[BACKING_REDIS_TOKEN_MAX];
 	char scene[BACKING_REDIS_KEY_MAX], history[BACKING_REDIS_KEY_MAX];
 	char nullified[BACKING_REDIS_KEY_MAX];
-	char nodes[24], revisions[24];
+	char nodes[24], revisions[24], most[24];
 	bool is_open;            /* nothing is known of it yet */
 	bool is_forgotten;       /* the script was not there */
 	bool is_late;            /* nothing was done, since it was */
@@ -103,6 +107,9 @@ static void prepare(struct backing_redis *b, struct sent *s,
 	snprintf(s->nodes, sizeof s->nodes, "%zu", write->revision.nodes);
 	snprintf(s->revisions, sizeof s->revisions, "%zu",
 	    b->options.history);
+	snprintf(s->most, sizeof s->most, "%zu",
+	    b->options.history_bytes > 0 ? b->options.history_bytes :
+	    SIZE_MAX);
 }
 
 static void put_call(struct backing_redis *b, struct sent *s,
@@ -131,6 +138,7 @@ static void put_call(struct backing_redis *b, struct sent *s,
 	backing_redis_call_text(call, s->revisions);
 	backing_redis_call_text(call, BACKING_REDIS_ENTRIES);
 	backing_redis_call_text(call, latest);
+	backing_redis_call_text(call, s->most);
 }
 
 /* It is made, as change seq, after change prev (NULL: unknown). */
@@ -155,6 +163,8 @@ static void note_found(struct backing_write *w, const redisReply *reply)
 	    &w->revision.before);
 	w->has_found = true;
 	snprintf(w->owner, sizeof w->owner, "%s", reply->element[3]->str);
+	if (!scene_seq_parse(reply->element[5]->str, &w->oldest))
+		w->oldest = (struct scene_seq){0, 0};
 }
 
 /* It is not made. */
@@ -176,7 +186,7 @@ static void read_result(struct backing_redis *b, struct sent *s,
 		backing_redis_note(b, false, reply->str);
 		fail(s, ERR_UNAVAILABLE);
 	} else if (strcmp(word, "ok") == 0 &&
-	    backing_redis_has_strings(reply, 5)) {
+	    backing_redis_has_strings(reply, 6)) {
 		finish(b, s, reply->element[1]->str, reply->element[4]->str);
 		note_found(s->write, reply);
 	} else if (strcmp(word, "conflict") == 0) {
@@ -390,6 +400,7 @@ static enum err commit(struct backing *backing, struct backing_write *writes,
 		writes[i].result = ERR_UNAVAILABLE;
 		writes[i].has_found = false;
 		writes[i].revision.before = (struct scene_seq){0, 0};
+		writes[i].oldest = (struct scene_seq){0, 0};
 	}
 	pthread_mutex_lock(&b->writing);
 	/* Who is known to be away is asked by the follower only. */
@@ -465,25 +476,50 @@ static enum err tell_read(const redisReply *reply, const char *id,
 	return reader->revision(reader->ctx, &r);
 }
 
-static enum err read_old(struct backing *backing, const char *id,
-    const char *etag, const struct backing_reader *reader)
+/* Who is known to be away, or has just not answered, is not waited for. */
+static bool may_read(const struct backing_redis *b)
 {
-	struct backing_redis *b = (struct backing_redis *)backing;
+	return atomic_load(&b->is_well) && (b->failed == 0.0 ||
+	    clock_seconds() - b->failed > READ_PAUSE_SECONDS);
+}
+
+static void note_failed_read(struct backing_redis *b)
+{
+	b->failed = clock_seconds();
+	log_write(LOG_WARNING, "redis %s: %s; an older revision could not be "
+	    "read", b->url.shown, b->reader.message);
+}
+
+/* By the reader's link, so that neither the writer nor the follower waits; that
+ * it fails says nothing of theirs. */
+static redisReply *ask_for_old(struct backing_redis *b, const char *id,
+    const char *etag)
+{
 	char scene[BACKING_REDIS_KEY_MAX], history[BACKING_REDIS_KEY_MAX];
 	struct backing_redis_call call;
-	enum err err = begin(b);
-	redisReply *reply;
 
-	if (err != ERR_OK)
-		return err;
 	backing_redis_key(b, "scene:", id, scene);
 	backing_redis_key(b, "history:", id, history);
 	backing_redis_call_script(&call, SCRIPT_READ, 2);
 	backing_redis_call_text(&call, scene);
 	backing_redis_call_text(&call, history);
 	backing_redis_call_text(&call, etag);
-	reply = backing_redis_link_do(&b->link, &call);
-	end(b);
+	return backing_redis_link_do(&b->reader, &call);
+}
+
+static enum err read_old(struct backing *backing, const char *id,
+    const char *etag, const struct backing_reader *reader)
+{
+	struct backing_redis *b = (struct backing_redis *)backing;
+	redisReply *reply = NULL;
+	enum err err;
+
+	if (!may_read(b))
+		return ERR_UNAVAILABLE;
+	if (backing_redis_link_open(&b->reader) == ERR_OK)
+		reply = ask_for_old(b, id, etag);
+	if (b->reader.context == NULL)
+		note_failed_read(b);
 	err = reply != NULL ? tell_read(reply, id, etag, reader) :
 	    ERR_UNAVAILABLE;
 	freeReplyObject(reply);
@@ -847,6 +883,7 @@ static void fini(struct backing_redis *b)
 {
 	backing_redis_link_fini(&b->link);
 	backing_redis_link_fini(&b->follower);
+	backing_redis_link_fini(&b->reader);
 	pthread_mutex_destroy(&b->writing);
 	pthread_mutex_destroy(&b->lock);
 	pthread_cond_destroy(&b->changed);
@@ -891,6 +928,7 @@ static void init(struct backing_redis *b)
 	atomic_init(&b->is_well, false);
 	backing_redis_link_init(&b->link, &b->url);
 	backing_redis_link_init(&b->follower, &b->url);
+	backing_redis_link_init(&b->reader, &b->url);
 	strcpy(b->position, "0-0");
 	backing_redis_key(b, "scenes", "", b->scenes);
 	backing_redis_key(b, "volumes", "", b->volumes);

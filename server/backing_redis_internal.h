@@ -1,6 +1,7 @@
 /*
  * What the parts of the Redis backing share: backing_redis.c, on the store's
- * writer thread, and backing_redis_follow.c, on its own.
+ * writer thread (and, of older revisions, on its reader's, by a link of its own),
+ * and backing_redis_follow.c, on its own.
  *
  * Changes carry a token, "INSTANCE:NUMBER". A change whose answer was lost is in
  * doubt: the follower tells the store of it as if another daemon had made it.
@@ -71,6 +72,10 @@ struct backing_redis {
 
 	struct backing_redis_link follower; /* its thread's */
 	pthread_t thread;
+
+	/* The reader's, of older revisions. */
+	struct backing_redis_link reader;
+	double failed;           /* clock_seconds, when it did last; or 0 */
 };
 
 void backing_redis_key(const struct backing_redis *b, const char *kind,

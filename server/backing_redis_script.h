@@ -3,8 +3,9 @@
  * replicated and written to its log as one transaction.
  *
  * Keys, each behind the prefix:
- *   scene:ID     hash: etag, seq, owner, nodes of the present revision, and
- *                text:SEQ of those that are kept
+ *   scene:ID     hash: etag, seq, owner, nodes of the present revision,
+ *                text:SEQ of those that are kept, and past: "SEQ BYTES", of all
+ *                texts that were kept when the present one was SEQ
  *   history:ID   list, newest first: "SEQ ETAG NODES BYTES"
  *   scenes       set of the ids
  *   volume:ID    hash: data, forgotten (0, 1), since (ms since 1970)
@@ -24,10 +25,11 @@ enum backing_redis_script {
 	/* KEYS scene history scenes changes last void; ARGV kind ("put",
 	 * "delete"), id, expected (etag; "": none; "*": whatever), etag, text,
 	 * owner, nodes, token, revisions to keep, entries to keep, the latest
-	 * time (ms since 1970, Redis' clock) at which to do it. Gives {"ok",
-	 * seq, before, owner}, {"conflict"}, {"absent"} (nothing to delete),
-	 * {"late"}, {"void"}; before: seq of what was there, or "". The owner of
-	 * what is there stays. */
+	 * time (ms since 1970, Redis' clock) at which to do it, bytes of older
+	 * revisions to keep. Gives {"ok", seq, before, owner, prev, oldest},
+	 * {"conflict"}, {"absent"} (nothing to delete), {"late"}, {"void"};
+	 * before: seq of what was there, or ""; oldest: of what is kept, or "".
+	 * The owner of what is there stays. */
 	SCRIPT_COMMIT,
 	/* KEYS scene history last. Gives {last} if there is no scene, else {seq, etag, owner, nodes, text, history...}. */
 	SCRIPT_FETCH,

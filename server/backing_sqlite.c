@@ -7,10 +7,16 @@
  * log to what is known to be kept, and opened again; what is there then decides.
  * While it cannot be opened nothing is changed, and when it can, and has another
  * last seq than was known, everything is read anew.
+ *
+ * Older revisions are read by a connection of their own (WAL: neither waits for
+ * the other), which is closed whenever the file is closed to find out what it
+ * has: only the last to close it cuts the log. What is kept in memory has but one
+ * connection, which is lent for as long as a text takes to be copied.
  */
 #include "server/backing.h"
 
 #include <limits.h>
+#include <pthread.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -27,9 +33,11 @@
 enum query {
 	PUT_SCENE,
 	PUT_REVISION,
-	TRIM,
+	NEWEST_OVER,
+	OLDEST,
+	CUT,
+	SET_BYTES,
 	DELETE_SCENE,
-	READ_REVISION,
 	MARK_VOLUME,
 	PUT_VOLUME,
 	PUT_PIECE,
@@ -39,16 +47,18 @@ enum query {
 };
 
 static const char *const sql[QUERY_COUNT] = {
-	[PUT_SCENE] = "INSERT INTO scene (id, owner) VALUES (?1, ?2)"
-	    " ON CONFLICT (id) DO UPDATE SET owner = ?2",
+	[PUT_SCENE] = "INSERT INTO scene (id, owner, bytes)"
+	    " VALUES (?1, ?2, ?3) ON CONFLICT (id) DO UPDATE SET owner = ?2,"
+	    " bytes = bytes + ?3 RETURNING bytes",
 	[PUT_REVISION] = "INSERT INTO revision (scene, etag, time, nodes, text)"
 	    " VALUES (?1, ?2, ?3, ?4, ?5)",
-	[TRIM] = "DELETE FROM revision WHERE scene = ?1 AND seq <= (SELECT seq"
-	    " FROM revision WHERE scene = ?1 ORDER BY seq DESC"
-	    " LIMIT 1 OFFSET ?2)",
+	[NEWEST_OVER] = "SELECT seq FROM revision WHERE scene = ?1"
+	    " ORDER BY seq DESC LIMIT 1 OFFSET ?2",
+	[OLDEST] = "SELECT seq, length(text) FROM revision"
+	    " WHERE scene = ?1 AND seq < ?2 ORDER BY seq",
+	[CUT] = "DELETE FROM revision WHERE scene = ?1 AND seq <= ?2",
+	[SET_BYTES] = "UPDATE scene SET bytes = ?2 WHERE id = ?1",
 	[DELETE_SCENE] = "DELETE FROM scene WHERE id = ?1",
-	[READ_REVISION] = "SELECT seq, time, nodes, text FROM revision"
-	    " WHERE scene = ?1 AND etag = ?2 ORDER BY seq DESC LIMIT 1",
 	[MARK_VOLUME] = "UPDATE volume SET is_forgotten = ?3"
 	    " WHERE id = ?1 AND length = ?2",
 	[PUT_VOLUME] = "INSERT INTO volume (id, length, is_forgotten)"
@@ -59,15 +69,29 @@ static const char *const sql[QUERY_COUNT] = {
 	[DELETE_VOLUME] = "DELETE FROM volume WHERE id = ?1",
 };
 
+static const char read_sql[] = "SELECT seq, time, nodes, text FROM revision"
+    " WHERE scene = ?1 AND etag = ?2 ORDER BY seq DESC LIMIT 1";
+
 struct backing_sqlite {
 	struct backing base;
 	struct backing_options options;
+
+	/* Guards file and queries: the writer's, lent to the reader only if they
+	 * are in memory. */
+	pthread_mutex_t using;
 	struct sqlite_file file;
 	sqlite3_stmt *queries[QUERY_COUNT];
 	sqlite3_int64 last; /* seq that is known to be kept */
 	bool is_closed;     /* a failure has closed the file */
 	bool is_replaced;   /* and it was another one */
 	bool is_in_doubt;   /* whether the last transaction is kept */
+
+	/* Guards what follows, and is held while the file is opened anew. */
+	pthread_mutex_t reading;
+	sqlite3 *reader;        /* NULL: to be opened */
+	sqlite3_stmt *read;     /* of it, or, in memory, of file */
+	bool is_gone;           /* the file is not open */
+
 	atomic_bool is_well;
 };
 
@@ -113,6 +137,23 @@ static int finish(struct backing_sqlite *s, sqlite3_stmt *q)
 	return code == SQLITE_DONE ? SQLITE_OK : code;
 }
 
+/* Of one that may have a row: its first column, or 0. NULL fails. */
+static int number_of(struct backing_sqlite *s, sqlite3_stmt *q,
+    sqlite3_int64 *out)
+{
+	int code;
+
+	*out = 0;
+	if (q == NULL)
+		return sqlite3_errcode(s->file.db);
+	code = sqlite3_step(q);
+	if (code == SQLITE_ROW)
+		*out = sqlite3_column_int64(q, 0);
+	sqlite3_reset(q);
+	sqlite3_clear_bindings(q);
+	return code == SQLITE_ROW || code == SQLITE_DONE ? SQLITE_OK : code;
+}
+
 /* One that only takes an id. */
 static int run_on(struct backing_sqlite *s, enum query which, const char *id)
 {
@@ -148,9 +189,17 @@ static void recover(struct backing_sqlite *s)
 		log_write(LOG_INFO, "%s: can be written again", s->file.path);
 }
 
+static void drop_reader(struct backing_sqlite *s)
+{
+	sqlite3_finalize(s->read);
+	sqlite3_close(s->reader);
+	s->read = NULL;
+	s->reader = NULL;
+}
+
 /* Has the file open. ERR_UNAVAILABLE; *is_other: it does not end where it was
- * known to. */
-static enum err reopen(struct backing_sqlite *s, bool *is_other)
+ * known to. Nobody reads meanwhile. */
+static enum err reopen_alone(struct backing_sqlite *s, bool *is_other)
 {
 	bool is_replaced = s->is_replaced || (s->file.db != NULL &&
 	    !sqlite_file_is_in_place(&s->file));
@@ -174,6 +223,25 @@ static enum err reopen(struct backing_sqlite *s, bool *is_other)
 	return ERR_OK;
 }
 
+static enum err reopen(struct backing_sqlite *s, bool *is_other)
+{
+	enum err err;
+
+	pthread_mutex_lock(&s->reading);
+	drop_reader(s);
+	err = reopen_alone(s, is_other);
+	s->is_gone = err != ERR_OK;
+	pthread_mutex_unlock(&s->reading);
+	return err;
+}
+
+static void note_replaced(struct backing_sqlite *s)
+{
+	if (atomic_exchange(&s->is_well, false))
+		log_write(LOG_ERROR, "%s: was removed or replaced; changes are "
+		    "refused until it can be read", s->file.path);
+}
+
 /* Before anything is done: what an earlier failure has closed is opened. */
 static enum err be_open(struct backing_sqlite *s)
 {
@@ -182,9 +250,8 @@ static enum err be_open(struct backing_sqlite *s)
 
 	if (!s->is_closed && sqlite_file_is_in_place(&s->file))
 		return ERR_OK;
-	if (!s->is_closed && atomic_exchange(&s->is_well, false))
-		log_write(LOG_ERROR, "%s: was removed or replaced; changes are "
-		    "refused until it can be read", s->file.path);
+	if (!s->is_closed)
+		note_replaced(s);
 	err = reopen(s, &is_other);
 	if (err != ERR_OK || !is_other)
 		return err;
@@ -251,16 +318,18 @@ static enum err end(struct backing_sqlite *s, int code, sqlite3_int64 last)
 
 /* ---- writing ---- */
 
+/* *bytes: of all its revisions, r too. */
 static int put_scene(struct backing_sqlite *s,
-    const struct backing_revision *r)
+    const struct backing_revision *r, sqlite3_int64 *bytes)
 {
 	sqlite3_stmt *q = query(s, PUT_SCENE);
 
 	if (q != NULL) {
 		bind_text(q, 1, r->id);
 		bind_text(q, 2, r->owner);
+		sqlite3_bind_int64(q, 3, (sqlite3_int64)r->length);
 	}
-	return finish(s, q);
+	return number_of(s, q, bytes);
 }
 
 static int put_revision(struct backing_sqlite *s,
@@ -279,35 +348,192 @@ static int put_revision(struct backing_sqlite *s,
 	return finish(s, q);
 }
 
-/* All but the newest are deleted in the same transaction. */
-static int trim(struct backing_sqlite *s, const char *id)
+/* ---- what is kept of a scene's past ---- */
+
+/* A scene, and what all but its newest revision take. */
+struct past {
+	const char *id;
+	sqlite3_int64 newest;    /* its seq */
+	sqlite3_int64 bytes, newest_bytes;
+	sqlite3_int64 cut;       /* seq of what goes, and all before it; or 0 */
+};
+
+/* The newest revision that is one too many. */
+static int find_over(struct backing_sqlite *s, const char *id,
+    sqlite3_int64 *out)
 {
-	sqlite3_stmt *q = query(s, TRIM);
+	sqlite3_stmt *q = query(s, NEWEST_OVER);
 
 	if (q != NULL) {
 		bind_text(q, 1, id);
 		sqlite3_bind_int64(q, 2, (sqlite3_int64)s->options.history);
 	}
+	return number_of(s, q, out);
+}
+
+static bool is_too_much(const struct backing_sqlite *s, sqlite3_int64 bytes)
+{
+	return s->options.history_bytes > 0 && bytes > 0 &&
+	    (uint64_t)bytes > s->options.history_bytes;
+}
+
+/* From the oldest on, until as few and as little are left as may be. */
+static int find_cut(struct backing_sqlite *s, struct past *p)
+{
+	sqlite3_int64 over = 0;
+	int code = find_over(s, p->id, &over);
+	sqlite3_stmt *q;
+
+	if (code != SQLITE_OK || (over == 0 && !is_too_much(s, p->bytes)))
+		return code;
+	q = query(s, OLDEST);
+	if (q == NULL)
+		return sqlite3_errcode(s->file.db);
+	bind_text(q, 1, p->id);
+	sqlite3_bind_int64(q, 2, p->newest);
+	while ((code = sqlite3_step(q)) == SQLITE_ROW) {
+		sqlite3_int64 seq = sqlite3_column_int64(q, 0);
+
+		if (seq > over && !is_too_much(s, p->bytes))
+			break;
+		p->bytes -= sqlite3_column_int64(q, 1);
+		p->cut = seq;
+	}
+	sqlite3_reset(q);
+	sqlite3_clear_bindings(q);
+	return code == SQLITE_ROW || code == SQLITE_DONE ? SQLITE_OK : code;
+}
+
+static int run_with(struct backing_sqlite *s, enum query which, const char *id,
+    sqlite3_int64 number)
+{
+	sqlite3_stmt *q = query(s, which);
+
+	if (q != NULL) {
+		bind_text(q, 1, id);
+		sqlite3_bind_int64(q, 2, number);
+	}
 	return finish(s, q);
+}
+
+/* In the transaction that made it too much. */
+static int trim(struct backing_sqlite *s, struct past *p)
+{
+	int code = find_cut(s, p);
+
+	if (code != SQLITE_OK || p->cut == 0)
+		return code;
+	code = run_with(s, CUT, p->id, p->cut);
+	return code == SQLITE_OK ? run_with(s, SET_BYTES, p->id,
+	    p->bytes + p->newest_bytes) : code;
 }
 
 /* A deletion takes a seq, too: that of a revision which goes with the scene. */
 static int write_one(struct backing_sqlite *s, struct backing_write *w)
 {
 	struct backing_revision *r = &w->revision;
+	struct past past = {.id = r->id,
+	    .newest_bytes = (sqlite3_int64)r->length};
 	int code = SQLITE_OK;
 
 	if (r->text != NULL)
-		code = put_scene(s, r);
+		code = put_scene(s, r, &past.bytes);
 	if (code == SQLITE_OK)
 		code = put_revision(s, r);
 	if (code != SQLITE_OK)
 		return code;
-	r->seq.major = (uint64_t)sqlite3_last_insert_rowid(s->file.db);
+	past.bytes -= past.newest_bytes;
+	past.newest = sqlite3_last_insert_rowid(s->file.db);
+	r->seq.major = (uint64_t)past.newest;
 	r->seq.minor = 0;
-	return r->text != NULL ? trim(s, r->id) :
+	return r->text != NULL ? trim(s, &past) :
 	    run_on(s, DELETE_SCENE, r->id);
 }
+
+/* ---- what was kept under other bounds ---- */
+
+/* Scenes whose past is to be trimmed, or whose sum is not what it was. */
+struct pasts {
+	struct past *list;
+	size_t count;
+};
+
+static void free_pasts(struct pasts *pasts)
+{
+	for (size_t i = 0; i < pasts->count; i++)
+		free((char *)pasts->list[i].id);
+	free(pasts->list);
+}
+
+/* The row of: scene, newest seq, bytes of all, how many, of the newest, the
+ * scene's sum. */
+static int note_past(struct backing_sqlite *s, struct pasts *pasts,
+    sqlite3_stmt *q)
+{
+	const char *id = (const char *)sqlite3_column_text(q, 0);
+	const sqlite3_int64 all = sqlite3_column_int64(q, 2);
+	struct past *grown, p = {.newest = sqlite3_column_int64(q, 1),
+	    .newest_bytes = sqlite3_column_int64(q, 4)};
+
+	p.bytes = all - p.newest_bytes;
+	if (sqlite3_column_int64(q, 5) == all && sqlite3_column_int64(q, 3) <=
+	    (sqlite3_int64)s->options.history && !is_too_much(s, p.bytes))
+		return SQLITE_OK;
+	grown = realloc(pasts->list, (pasts->count + 1) * sizeof *grown);
+	if (grown == NULL)
+		return SQLITE_NOMEM;
+	pasts->list = grown;
+	p.id = id != NULL ? strdup(id) : NULL;
+	if (p.id == NULL)
+		return SQLITE_NOMEM;
+	grown[pasts->count++] = p;
+	return SQLITE_OK;
+}
+
+/* In the order of the index, so that texts are neither read nor sorted. */
+static int find_pasts(struct backing_sqlite *s, struct pasts *pasts)
+{
+	sqlite3_stmt *q;
+	int code = sqlite3_prepare_v2(s->file.db, "SELECT scene, newest, bytes,"
+	    " count, (SELECT length(text) FROM revision WHERE seq = newest),"
+	    " (SELECT bytes FROM scene WHERE id = scene) FROM (SELECT scene,"
+	    " max(seq) AS newest, sum(length(text)) AS bytes, count(*) AS count"
+	    " FROM revision INDEXED BY revision_of_scene GROUP BY scene)", -1,
+	    &q, NULL);
+
+	if (code != SQLITE_OK)
+		return code;
+	while ((code = sqlite3_step(q)) == SQLITE_ROW) {
+		code = note_past(s, pasts, q);
+		if (code != SQLITE_OK)
+			break;
+	}
+	sqlite3_finalize(q);
+	return code == SQLITE_DONE ? SQLITE_OK : code;
+}
+
+/* Where it cannot be done, it is at each scene's next change. */
+static void trim_all(struct backing_sqlite *s)
+{
+	struct pasts pasts = {NULL, 0};
+	int code = find_pasts(s, &pasts);
+
+	if (code == SQLITE_OK && pasts.count > 0) {
+		code = begin(s);
+		for (size_t i = 0; i < pasts.count && code == SQLITE_OK; i++) {
+			struct past *p = pasts.list + i;
+
+			code = run_with(s, SET_BYTES, p->id, p->bytes +
+			    p->newest_bytes);
+			if (code == SQLITE_OK)
+				code = trim(s, p);
+		}
+		end(s, code, s->last);
+	}
+	free_pasts(&pasts);
+}
+
+/* ---- committing ---- */
 
 /* Seconds since 1970, whole milliseconds: as they are told. */
 static double now(void)
@@ -334,10 +560,9 @@ static enum err probe(struct backing_sqlite *s)
 	return end(s, code, s->last);
 }
 
-static enum err commit(struct backing *b, struct backing_write *writes,
-    size_t count)
+static enum err commit_all(struct backing_sqlite *s,
+    struct backing_write *writes, size_t count)
 {
-	struct backing_sqlite *s = self(b);
 	sqlite3_int64 last = s->last;
 	double time = now();
 	enum err err = be_open(s);
@@ -355,6 +580,18 @@ static enum err commit(struct backing *b, struct backing_write *writes,
 		last = (sqlite3_int64)writes[i].revision.seq.major;
 	}
 	return end(s, code, last);
+}
+
+static enum err commit(struct backing *b, struct backing_write *writes,
+    size_t count)
+{
+	struct backing_sqlite *s = self(b);
+	enum err err;
+
+	pthread_mutex_lock(&s->using);
+	err = commit_all(s, writes, count);
+	pthread_mutex_unlock(&s->using);
+	return err;
 }
 
 /* ---- reading ---- */
@@ -412,17 +649,23 @@ static enum err load_revision(struct backing_sqlite *s, sqlite3_stmt *q,
 	return reader->revision(reader->ctx, &r);
 }
 
-/* What a failing step comes to. */
-static enum err read_failure(struct backing_sqlite *s, int code)
+/* What a failing step of db comes to. */
+static enum err read_failure_of(const struct backing_sqlite *s, sqlite3 *db,
+    int code)
 {
 	if (code == SQLITE_DONE || code == SQLITE_OK)
 		return ERR_OK;
 	if (code == SQLITE_NOMEM)
 		return ERR_MEMORY;
 	log_write(LOG_ERROR, "%s: cannot be read: %s", s->file.path,
-	    sqlite3_errmsg(s->file.db));
+	    sqlite3_errmsg(db));
 	return (code & 0xff) == SQLITE_CORRUPT ? ERR_INVALID :
 	    ERR_UNAVAILABLE;
+}
+
+static enum err read_failure(struct backing_sqlite *s, int code)
+{
+	return read_failure_of(s, s->file.db, code);
 }
 
 /* Texts of the newest of each scene only. */
@@ -545,14 +788,89 @@ static enum err load_volumes(struct backing_sqlite *s,
 static enum err load(struct backing *b, const struct backing_reader *reader)
 {
 	struct backing_sqlite *s = self(b);
-	enum err err = be_open(s);
+	enum err err;
 
+	pthread_mutex_lock(&s->using);
+	err = be_open(s);
 	if (err == ERR_OK)
 		err = load_volumes(s, reader);
 	if (err == ERR_OK)
 		err = check_scenes(s);
 	if (err == ERR_OK)
 		err = load_revisions(s, reader);
+	if (err == ERR_OK)
+		trim_all(s);
+	pthread_mutex_unlock(&s->using);
+	return err;
+}
+
+/* ---- older revisions, on the reader's thread ---- */
+
+/* The connection to read by, s->reading held; ERR_UNAVAILABLE: none. */
+static enum err be_readable(struct backing_sqlite *s, sqlite3 **out)
+{
+	const bool is_in_memory = s->file.folder[0] == '\0';
+	int code = SQLITE_OK;
+
+	*out = NULL;
+	if (s->is_gone)
+		return ERR_UNAVAILABLE;
+	if (!sqlite_file_is_in_place(&s->file)) {
+		note_replaced(s);
+		return ERR_UNAVAILABLE;
+	}
+	if (!is_in_memory && s->reader == NULL)
+		code = sqlite_file_open_reader(&s->file, &s->reader);
+	*out = is_in_memory ? s->file.db : s->reader;
+	if (code == SQLITE_OK && s->read == NULL)
+		code = sqlite3_prepare_v3(*out, read_sql, -1,
+		    SQLITE_PREPARE_PERSISTENT, &s->read, NULL);
+	return read_failure_of(s, *out, code);
+}
+
+/* What read's row has, its text copied: malloc'd, for free. */
+static enum err copy_row(sqlite3_stmt *q, struct backing_revision *out,
+    char **text)
+{
+	const void *data = sqlite3_column_blob(q, 3);
+
+	out->seq.major = (uint64_t)sqlite3_column_int64(q, 0);
+	out->time = sqlite3_column_double(q, 1);
+	out->nodes = (size_t)sqlite3_column_int64(q, 2);
+	out->length = (size_t)sqlite3_column_bytes(q, 3);
+	*text = data != NULL ? malloc(out->length + 1) : NULL;
+	if (*text == NULL)
+		return ERR_MEMORY;
+	memcpy(*text, data, out->length);
+	out->text = *text;
+	return ERR_OK;
+}
+
+/* Under both locks, or that of reading alone. Of a failure nothing is left that
+ * the next one would trip over. */
+static enum err read_row(struct backing_sqlite *s,
+    struct backing_revision *out, char **text)
+{
+	sqlite3 *db;
+	enum err err = be_readable(s, &db);
+	int code;
+
+	if (err != ERR_OK) {
+		drop_reader(s);
+		return err;
+	}
+	bind_text(s->read, 1, out->id);
+	bind_text(s->read, 2, out->etag);
+	code = sqlite3_step(s->read);
+	if (code == SQLITE_ROW)
+		err = copy_row(s->read, out, text);
+	else
+		err = code == SQLITE_DONE ? ERR_NOT_FOUND :
+		    read_failure_of(s, db, code);
+	sqlite3_reset(s->read);
+	sqlite3_clear_bindings(s->read);
+	if (code != SQLITE_ROW && code != SQLITE_DONE)
+		drop_reader(s);
 	return err;
 }
 
@@ -561,33 +879,22 @@ static enum err read_one(struct backing *b, const char *id, const char *etag,
 {
 	struct backing_sqlite *s = self(b);
 	struct backing_revision r = {.id = id, .etag = etag, .owner = ""};
-	sqlite3_stmt *q;
-	enum err err = be_open(s);
-	int code;
+	const bool is_in_memory = s->file.folder[0] == '\0';
+	char *text = NULL;
+	enum err err;
 
-	if (err != ERR_OK)
-		return err;
-	q = query(s, READ_REVISION);
-	if (q == NULL)
-		return read_failure(s, sqlite3_errcode(s->file.db));
-	bind_text(q, 1, id);
-	bind_text(q, 2, etag);
-	code = sqlite3_step(q);
-	if (code == SQLITE_ROW) {
-		r.seq.major = (uint64_t)sqlite3_column_int64(q, 0);
-		r.time = sqlite3_column_double(q, 1);
-		r.nodes = (size_t)sqlite3_column_int64(q, 2);
-		r.text = sqlite3_column_blob(q, 3);
-		r.length = (size_t)sqlite3_column_bytes(q, 3);
-		err = r.text == NULL ? ERR_MEMORY :
-		    is_what_it_was(&r) ? reader->revision(reader->ctx, &r) :
+	/* In the order in which reopen takes them. */
+	if (is_in_memory)
+		pthread_mutex_lock(&s->using);
+	pthread_mutex_lock(&s->reading);
+	err = read_row(s, &r, &text);
+	pthread_mutex_unlock(&s->reading);
+	if (is_in_memory)
+		pthread_mutex_unlock(&s->using);
+	if (err == ERR_OK)
+		err = is_what_it_was(&r) ? reader->revision(reader->ctx, &r) :
 		    refuse(s, "a revision of scene", id);
-	} else {
-		err = code == SQLITE_DONE ? ERR_NOT_FOUND :
-		    read_failure(s, code);
-	}
-	sqlite3_reset(q);
-	sqlite3_clear_bindings(q);
+	free(text);
 	return err;
 }
 
@@ -663,16 +970,19 @@ static enum err try_put_volume(struct backing_sqlite *s,
 static enum err put_volume(struct backing *b, const struct backing_volume *v)
 {
 	struct backing_sqlite *s = self(b);
-	enum err err = be_open(s);
+	enum err err;
 
-	if (err != ERR_OK)
-		return err;
-	err = try_put_volume(s, v);
-	if (is_to_be_repeated(s, err))
+	pthread_mutex_lock(&s->using);
+	err = be_open(s);
+	if (err == ERR_OK) {
 		err = try_put_volume(s, v);
+		if (is_to_be_repeated(s, err))
+			err = try_put_volume(s, v);
+	}
 	/* The log is not to keep the volume's length until the next one. */
 	if (err == ERR_OK && v->length > PIECE)
 		cut_log(s);
+	pthread_mutex_unlock(&s->using);
 	return err;
 }
 
@@ -690,12 +1000,17 @@ static enum err forget_volume(struct backing *b, const char *id, bool is_gone)
 {
 	const enum query which = is_gone ? DELETE_VOLUME : FORGET_VOLUME;
 	struct backing_sqlite *s = self(b);
-	enum err err = be_open(s);
+	enum err err;
 
-	if (err != ERR_OK)
-		return err;
-	err = try_run_on(s, which, id);
-	return is_to_be_repeated(s, err) ? try_run_on(s, which, id) : err;
+	pthread_mutex_lock(&s->using);
+	err = be_open(s);
+	if (err == ERR_OK) {
+		err = try_run_on(s, which, id);
+		if (is_to_be_repeated(s, err))
+			err = try_run_on(s, which, id);
+	}
+	pthread_mutex_unlock(&s->using);
+	return err;
 }
 
 /* ---- life ---- */
@@ -709,8 +1024,12 @@ static void close_it(struct backing *b)
 {
 	struct backing_sqlite *s = self(b);
 
+	/* The last to close the file cuts its log: that can write. */
+	drop_reader(s);
 	drop_queries(s);
 	sqlite_file_close(&s->file);
+	pthread_mutex_destroy(&s->using);
+	pthread_mutex_destroy(&s->reading);
 	free(s);
 }
 
@@ -735,6 +1054,10 @@ enum err backing_open_sqlite(const char *folder,
 		return ERR_MEMORY;
 	s->base.ops = &ops;
 	s->options = *options;
+	if (s->options.history > INT_MAX)
+		s->options.history = INT_MAX; /* and no negative number */
+	pthread_mutex_init(&s->using, NULL);
+	pthread_mutex_init(&s->reading, NULL);
 	atomic_init(&s->is_well, true);
 	err = sqlite_file_open(folder, &s->file);
 	if (err == ERR_OK) {

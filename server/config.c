@@ -125,6 +125,7 @@ static void set_defaults(struct config *config)
 		.queue = 256,
 		.tasks = 2,
 		.history = 16,
+		.history_bytes = (size_t)64 << 20,
 		.max_listeners = 1024,
 		.max_connections = 4096,
 		.max_connections_per_address = 1024,

@@ -31,6 +31,7 @@ struct config {
 	char data[CONFIG_PATH_MAX];  /* folder of the scenes, or ":memory:" */
 	char store[CONFIG_PATH_MAX]; /* redis://…, instead; or "" */
 	size_t history;           /* revisions of a scene that are kept */
+	size_t history_bytes;     /* of those but the present one, at most */
 	size_t max_listeners;     /* to scenes' events */
 	char tokens[CONFIG_PATH_MAX];   /* file; "": everybody may everything */
 	char cors[CONFIG_ORIGINS_MAX];  /* origins, by commas; "*": any; or "" */

@@ -71,6 +71,8 @@ const struct config_option config_options[] = {
 	    "redis://HOST"},
 	{"history", "N", NUMBER(history),
 	    .help = "revisions of a scene that are kept (16)"},
+	{"history-bytes", "BYTES", BYTES(history_bytes),
+	    .help = "... and the most bytes of all but the present one (64M)"},
 	{"max-listeners", "N", NUMBER(max_listeners),
 	    .help = "most listeners to scenes' events (1024)"},
 	{"tokens", "FILE", TEXT(tokens), .help = "who may do what"},

@@ -184,6 +184,8 @@ static void add_store(cJSON *json, const struct server *server)
 	    (double)scene_store_waiting(server->scenes));
 	cJSON_AddNumberToObject(store, "history",
 	    (double)server->config->history);
+	cJSON_AddNumberToObject(store, "history_bytes",
+	    (double)server->config->history_bytes);
 	cJSON_AddNumberToObject(store, "bytes",
 	    (double)scene_store_bytes(server->scenes));
 }

@@ -134,6 +134,9 @@ static void print_store(struct metrics_page *p, const struct server *server)
 	metrics_page_one(p, "blobfield_scene_bytes_max", GAUGE,
 	    "Memory that scenes may take (--scene-memory).",
 	    (double)server->config->scene_memory);
+	metrics_page_one(p, "blobfield_scene_history_bytes", GAUGE,
+	    "Texts of scenes' revisions but the present ones.",
+	    (double)scene_store_history_bytes(store));
 	metrics_page_one(p, "blobfield_store_ready", GAUGE,
 	    "1: what is kept has been read.", scene_store_is_ready(store));
 	metrics_page_one(p, "blobfield_store_well", GAUGE,

@@ -244,6 +244,18 @@ static void note_found(const struct decided *d, const struct backing_write *w)
 	strcpy(d->after->owner, w->owner);
 }
 
+/* What is not kept any more is not listed. */
+static void forget_before(struct scene_store *store, const char *id,
+    struct scene_seq oldest)
+{
+	struct scene_slot *slot = scene_table_find(&store->table, id);
+
+	pthread_rwlock_wrlock(&store->lock);
+	if (slot != NULL)
+		scene_table_forget_before(slot, oldest);
+	pthread_rwlock_unlock(&store->lock);
+}
+
 /* It is kept: now everybody may see it. ERR_MEMORY: not yet, though it will be;
  * so who made it is not told that it has been. */
 static enum err apply(struct scene_store *store, const struct decided *d,
@@ -263,6 +275,9 @@ static enum err apply(struct scene_store *store, const struct decided *d,
 		err = scene_apply_delete(store, d->change->id,
 		    w->revision.seq, w->revision.time, has_missed);
 	}
+	/* What another daemon's lower bounds would leave of it, too. */
+	if (err == ERR_OK && w->oldest.major != 0)
+		forget_before(store, d->change->id, w->oldest);
 	/* No memory to have it here: it is to be read. */
 	if (err != ERR_OK)
 		atomic_store(&store->must_load, true);
@@ -390,30 +405,6 @@ static void decide(struct group *g, struct scene_change *change)
 	add(g, change, err == ERR_OK && !change->unchanged);
 }
 
-static enum err take_text(void *ctx, const struct backing_revision *r)
-{
-	struct scene_change *change = ctx;
-
-	free(change->text);
-	change->text = malloc(r->length + 1);
-	if (change->text == NULL)
-		return ERR_MEMORY;
-	memcpy(change->text, r->text, r->length);
-	change->text[r->length] = '\0';
-	change->length = r->length;
-	return ERR_OK;
-}
-
-static enum err read_text(struct scene_store *store,
-    struct scene_change *change)
-{
-	const struct backing_reader reader = {take_text, NULL, change};
-	enum err err = store->backing->ops->read(store->backing, change->id,
-	    change->etag, &reader);
-
-	return err == ERR_NOT_FOUND ? err : told(err);
-}
-
 /* What is no change of a scene. */
 static enum err do_other(struct scene_store *store,
     struct scene_change *change)
@@ -423,8 +414,6 @@ static enum err do_other(struct scene_store *store,
 	enum err err = ERR_OK;
 
 	switch (change->kind) {
-	case SCENE_READ:
-		return read_text(store, change);
 	case VOLUME_KEEP:
 		return told(ops->put_volume(store->backing, change->volume));
 	case VOLUME_FORGET:
@@ -450,9 +439,7 @@ static void do_change(struct group *g, struct scene_change *change)
 	} else if (change->kind == SCENE_PUT || change->kind == SCENE_DELETE) {
 		decide(g, change);
 	} else {
-		/* What is only read is not changed by the group. */
-		if (change->kind != SCENE_READ)
-			flush(g);
+		flush(g);
 		change->result = do_other(store, change);
 	}
 }

@@ -415,7 +415,8 @@ static void publish_differences(struct scene_store *store,
 enum err scene_load_all(struct scene_store *store)
 {
 	struct loading l = {.store = store,
-	    .table = {.history = store->table.history}};
+	    .table = {.history = store->table.history,
+	    .history_bytes = store->table.history_bytes}};
 	const struct backing_reader reader = {load_revision, load_volume, &l};
 	struct scene_table old;
 	enum err err;

@@ -35,6 +35,7 @@ static enum err open_backing(struct scene_store *store)
 	const struct config *config = store->server->config;
 	const struct backing_options options = {
 		.history = config->history,
+		.history_bytes = config->history_bytes,
 		.changed = {scene_load_revision, scene_load_volume, store},
 		.guard = guard,
 		.lost = on_lost,
@@ -88,6 +89,7 @@ enum err scene_store_create(struct server *server, struct scene_store **out)
 	store->bytes_most = server->config->scene_memory;
 	store->table.history = server->config->history > 0 ?
 	    server->config->history : 1;
+	store->table.history_bytes = server->config->history_bytes;
 	init_locks(store);
 	err = open_backing(store);
 	if (err == ERR_BUSY)
@@ -119,6 +121,7 @@ void scene_store_free(struct scene_store *store)
 	if (store->backing != NULL)
 		store->backing->ops->free(store->backing);
 	scene_worker_free(store->worker);
+	scene_worker_free(store->reader);
 	scene_table_fini(&store->table);
 	pthread_rwlock_destroy(&store->lock);
 	pthread_mutex_destroy(&store->turn);
@@ -174,6 +177,16 @@ size_t scene_store_bytes(struct scene_store *store)
 
 	pthread_rwlock_rdlock(&store->lock);
 	bytes = store->table.bytes;
+	pthread_rwlock_unlock(&store->lock);
+	return bytes;
+}
+
+size_t scene_store_history_bytes(struct scene_store *store)
+{
+	size_t bytes;
+
+	pthread_rwlock_rdlock(&store->lock);
+	bytes = scene_table_past_bytes(&store->table);
 	pthread_rwlock_unlock(&store->lock);
 	return bytes;
 }

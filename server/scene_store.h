@@ -138,13 +138,35 @@ struct scene *scene_store_find(struct scene_store *store, const char *id);
 enum err scene_store_mend(struct scene_store *store, const char *id,
     struct faults *faults);
 
+/* The texts of scenes' older revisions, which are kept, but not in memory. */
+size_t scene_store_history_bytes(struct scene_store *store);
+
+/* ---- large revisions ---- */
+
+/*
+ * A piece of work on large documents, which would have others wait for HTTP's
+ * threads or the writer. It is done on a thread for such work, one piece after
+ * another, in the order in which they came; exactly once. is_cancelled: the
+ * daemon stops, and there is no time for it.
+ */
+struct scene_work {
+	void (*work)(void *ctx, bool is_cancelled);
+	void *ctx;
+	struct scene_work *next; /* the store's own */
+};
+
+/* ERR_BUSY: too much waits; ERR_CANCELLED: shutting down; then work() is not
+ * called. work is the caller's again when work() is called. */
+enum err scene_store_work(struct scene_store *store, struct scene_work *work);
+
 /* ---- changes ---- */
 
 enum scene_change_kind {
 	SCENE_PUT,
 	SCENE_DELETE,
 	SCENE_REFRESH,  /* have what other daemons have kept of it */
-	SCENE_READ,     /* an older revision's text, by etag */
+	SCENE_READ,     /* an older revision's text, by etag: no change, and not
+	                 * in the way of any */
 	VOLUME_KEEP,    /* volume, beside the scenes */
 	VOLUME_FORGET   /* the one of that id; volume.is_forgotten: while scenes
 	                 * use it, else wholly */
@@ -152,7 +174,8 @@ enum scene_change_kind {
 
 /*
  * One change. Zeroed by the caller, then filled, and the caller's again when
- * done() is called, on the writer's thread, exactly once.
+ * done() is called, on the writer's thread (of SCENE_READ: on the reader's),
+ * exactly once.
  */
 struct scene_change {
 	enum scene_change_kind kind;
@@ -194,6 +217,8 @@ struct scene_change {
 	double seconds;          /* from submitted to done */
 	/* the store's own */
 	struct scene_change *next;
+	struct scene_store *store;
+	struct scene_work work;
 	double submitted;
 };
 
@@ -209,24 +234,6 @@ void scene_store_change(struct scene_store *store, struct scene_change *change);
 
 /* Changes waiting, for metrics. */
 size_t scene_store_waiting(struct scene_store *store);
-
-/* ---- large revisions ---- */
-
-/*
- * A piece of work on large documents, which would have others wait for HTTP's
- * threads or the writer. It is done on a thread for such work, one piece after
- * another, in the order in which they came; exactly once. is_cancelled: the
- * daemon stops, and there is no time for it.
- */
-struct scene_work {
-	void (*work)(void *ctx, bool is_cancelled);
-	void *ctx;
-	struct scene_work *next; /* the store's own */
-};
-
-/* ERR_BUSY: too much waits; ERR_CANCELLED: shutting down; then work() is not
- * called. work is the caller's again when work() is called. */
-enum err scene_store_work(struct scene_store *store, struct scene_work *work);
 
 /* ---- the past ---- */
 

@@ -5,7 +5,8 @@
  * `lock`, so that who has `turn` may read it without. `turn` is the writer's while
  * it judges, commits and applies changes; a backing's that tells of changes made
  * elsewhere, between its two calls of guard; and whoever mends a scene.
- * Every submitted change is completed by the writer, exactly once.
+ * Every submitted change is completed by the writer, or by the reader if it only
+ * asks for an older revision, exactly once.
  */
 #ifndef SERVER_SCENE_STORE_INTERNAL_H
 #define SERVER_SCENE_STORE_INTERNAL_H
@@ -51,7 +52,7 @@ struct scene_store {
 
 	pthread_t writer;
 	bool has_writer;
-	struct scene_worker *worker;
+	struct scene_worker *worker, *reader; /* reader: older revisions' */
 	pthread_mutex_t queue_lock; /* guards: */
 	pthread_cond_t queue_wake;
 	struct scene_change *first, *last;
@@ -107,6 +108,12 @@ enum err scene_writer_start(struct scene_store *store);
 void scene_writer_stop(struct scene_store *store);
 
 void scene_writer_wake(struct scene_store *store);
+
+/* ---- scene_reader.c ---- */
+
+/* As scene_store_submit, of a SCENE_READ. */
+enum err scene_reader_submit(struct scene_store *store,
+    struct scene_change *change);
 
 /* ---- scene_commit.c: what the writer does with a batch; its turn ---- */
 

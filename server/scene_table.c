@@ -16,7 +16,8 @@ void scene_table_fini(struct scene_table *table)
 	for (size_t i = 0; i < table->count; i++)
 		free_slot(table->slots[i]);
 	free(table->slots);
-	*table = (struct scene_table){.history = table->history};
+	*table = (struct scene_table){.history = table->history,
+	    .history_bytes = table->history_bytes};
 }
 
 size_t scene_table_place(const struct scene_table *table, const char *id,
@@ -91,6 +92,8 @@ static void trim(struct scene_slot *slot, size_t over)
 {
 	if (over == 0)
 		return;
+	for (size_t i = 0; i < over; i++)
+		slot->past_bytes -= slot->past[i].length;
 	slot->trimmed = slot->past[over - 1].seq;
 	slot->past_count -= over;
 	memmove(slot->past, slot->past + over,
@@ -105,6 +108,19 @@ void scene_table_forget_before(struct scene_slot *slot, struct scene_seq seq)
 	    scene_seq_compare(slot->past[over].seq, seq) < 0)
 		over++;
 	trim(slot, over);
+}
+
+/* How many of the oldest are beyond what may be kept. */
+static size_t count_over(const struct scene_table *table,
+    const struct scene_slot *slot)
+{
+	size_t last = slot->past_count - 1, over = 0;
+	size_t bytes = slot->past_bytes - slot->past[last].length;
+
+	while (over < last && (slot->past_count - over > table->history ||
+	    (table->history_bytes > 0 && bytes > table->history_bytes)))
+		bytes -= slot->past[over++].length;
+	return over;
 }
 
 enum err scene_table_remember(struct scene_table *table,
@@ -127,9 +143,23 @@ enum err scene_table_remember(struct scene_table *table,
 	    (slot->past_count - at) * sizeof *grown);
 	grown[at] = *past;
 	slot->past_count++;
-	if (slot->past_count > table->history)
-		trim(slot, slot->past_count - table->history);
+	slot->past_bytes += past->length;
+	trim(slot, count_over(table, slot));
 	return ERR_OK;
+}
+
+size_t scene_table_past_bytes(const struct scene_table *table)
+{
+	size_t bytes = 0;
+
+	for (size_t i = 0; i < table->count; i++) {
+		const struct scene_slot *slot = table->slots[i];
+
+		if (slot->past_count > 0)
+			bytes += slot->past_bytes -
+			    slot->past[slot->past_count - 1].length;
+	}
+	return bytes;
 }
 
 /* Takes scene out of the sums. */

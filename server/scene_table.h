@@ -25,6 +25,7 @@ struct scene_slot {
 	struct scene *scene;      /* one reference; NULL only while loading */
 	struct scene_past *past;  /* by rising seq; the last is scene's */
 	size_t past_count;
+	size_t past_bytes;        /* their lengths, scene's too */
 	struct scene_seq trimmed; /* of the newest revision no more in past; all
 	                           * 0: none was ever trimmed */
 };
@@ -35,6 +36,7 @@ struct scene_table {
 	size_t bytes;              /* of the scenes' memory */
 	size_t unusable;           /* scenes without a program */
 	size_t history;            /* most of past, > 0 */
+	size_t history_bytes;      /* most lengths of past but the last; 0: any */
 };
 
 /* Empties it. */
@@ -52,8 +54,9 @@ struct scene_slot *scene_table_find(const struct scene_table *table,
 enum err scene_table_add(struct scene_table *table, const char *id,
     struct scene_slot **out);
 
-/* One revision more of slot's past, at its place; the oldest is trimmed. What
- * is there is left alone, but that it has no gap any more. ERR_MEMORY. */
+/* One revision more of slot's past, at its place; the oldest are trimmed, but
+ * never the last. What is there is left alone, but that it has no gap any more.
+ * ERR_MEMORY. */
 enum err scene_table_remember(struct scene_table *table,
     struct scene_slot *slot, const struct scene_past *past);
 
@@ -64,6 +67,9 @@ void scene_table_forget_before(struct scene_slot *slot, struct scene_seq seq);
  * released. */
 void scene_table_set(struct scene_table *table, struct scene_slot *slot,
     struct scene *scene);
+
+/* The lengths of all scenes' past, without what is present. */
+size_t scene_table_past_bytes(const struct scene_table *table);
 
 /* Ends the scene. */
 void scene_table_remove(struct scene_table *table, const char *id);

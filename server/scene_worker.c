@@ -7,7 +7,7 @@
 
 #include "server/scene_store_internal.h"
 
-/* Pieces of work that wait at most: each has a body in memory. */
+/* Pieces of work that wait at most: each has a body in memory, or will. */
 #define WAITING_MAX 256
 
 struct scene_worker {
@@ -93,9 +93,8 @@ void scene_worker_free(struct scene_worker *w)
 	free(w);
 }
 
-enum err scene_store_work(struct scene_store *store, struct scene_work *work)
+enum err scene_worker_add(struct scene_worker *w, struct scene_work *work)
 {
-	struct scene_worker *w = store->worker;
 	enum err err = ERR_OK;
 
 	work->next = NULL;
@@ -112,6 +111,11 @@ enum err scene_store_work(struct scene_store *store, struct scene_work *work)
 	}
 	pthread_mutex_unlock(&w->lock);
 	return err;
+}
+
+enum err scene_store_work(struct scene_store *store, struct scene_work *work)
+{
+	return scene_worker_add(store->worker, work);
 }
 
 /* ---- waiting for the writer ---- */

@@ -20,6 +20,8 @@ enum err scene_store_submit(struct scene_store *store,
 {
 	enum err err = ERR_OK;
 
+	if (change->kind == SCENE_READ)
+		return scene_reader_submit(store, change);
 	change->next = NULL;
 	change->submitted = clock_seconds();
 	pthread_mutex_lock(&store->queue_lock);
@@ -198,6 +200,8 @@ enum err scene_writer_start(struct scene_store *store)
 		return ERR_MEMORY;
 	store->has_writer = true;
 	err = scene_worker_create(&store->worker);
+	if (err == ERR_OK)
+		err = scene_worker_create(&store->reader);
 	if (err != ERR_OK)
 		scene_writer_stop(store);
 	return err;
@@ -206,6 +210,7 @@ enum err scene_writer_start(struct scene_store *store)
 void scene_writer_stop(struct scene_store *store)
 {
 	scene_worker_stop(store->worker);
+	scene_worker_stop(store->reader);
 	pthread_mutex_lock(&store->queue_lock);
 	store->is_stopping = true;
 	pthread_cond_signal(&store->queue_wake);

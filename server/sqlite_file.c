@@ -36,6 +36,11 @@ static const char *const steps[] = {
 	"CREATE TABLE volume_piece (volume TEXT NOT NULL REFERENCES"
 	" volume (id) ON DELETE CASCADE, number INTEGER NOT NULL,"
 	" data BLOB NOT NULL, PRIMARY KEY (volume, number));",
+
+	/* Of all its revisions' texts: not to be summed up at each change. */
+	"ALTER TABLE scene ADD COLUMN bytes INTEGER NOT NULL DEFAULT 0;"
+	"UPDATE scene SET bytes = (SELECT coalesce(sum(length(text)), 0)"
+	" FROM revision WHERE scene = scene.id);",
 };
 
 #define VERSION ((int)(sizeof steps / sizeof steps[0]))
@@ -446,6 +451,19 @@ enum err sqlite_file_reopen(struct sqlite_file *file)
 	file->is_quiet = true;
 	err = check_presence(file);
 	return err == ERR_OK ? open_db(file) : err;
+}
+
+int sqlite_file_open_reader(const struct sqlite_file *file, sqlite3 **out)
+{
+	int code = sqlite3_open_v2(file->path, out,
+	    SQLITE_OPEN_READONLY | SQLITE_OPEN_NOMUTEX, NULL);
+
+	if (code != SQLITE_OK)
+		return code;
+	sqlite3_extended_result_codes(*out, 1);
+	sqlite3_busy_timeout(*out, SQLITE_FILE_BUSY_MS);
+	return sqlite3_exec(*out, "PRAGMA cell_size_check=ON;"
+	    "PRAGMA trusted_schema=OFF", NULL, NULL, NULL);
 }
 
 void sqlite_file_close(struct sqlite_file *file)

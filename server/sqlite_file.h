@@ -42,6 +42,11 @@ enum err sqlite_file_reopen(struct sqlite_file *file);
  * removed, or replaced by a copy. */
 bool sqlite_file_is_in_place(const struct sqlite_file *file);
 
+/* A second connection to the file that is open, by which it can only be read; its
+ * own thread's. An SQLite code; *out is to be closed also on failure, and before
+ * the file is. */
+int sqlite_file_open_reader(const struct sqlite_file *file, sqlite3 **out);
+
 /* Closes what is open. */
 void sqlite_file_close(struct sqlite_file *file);
 

@@ -119,11 +119,12 @@ static enum err load(struct daemon *d)
 	return d->backing->ops->load(d->backing, &reader);
 }
 
-static struct daemon *begin_at(const char *url)
+/* bytes 0: any */
+static struct daemon *begin_with(const char *url, size_t history, size_t bytes)
 {
 	struct daemon *d = calloc(1, sizeof *d);
-	struct backing_options options = {.history = HISTORY,
-	    .guard = on_guard, .lost = on_lost};
+	struct backing_options options = {.history = history,
+	    .history_bytes = bytes, .guard = on_guard, .lost = on_lost};
 
 	assert_non_null(d);
 	pthread_mutex_init(&d->lock, NULL);
@@ -132,6 +133,11 @@ static struct daemon *begin_at(const char *url)
 	assert_int_equal(backing_open_redis(url, &options, &d->backing),
 	    ERR_OK);
 	return d;
+}
+
+static struct daemon *begin_at(const char *url)
+{
+	return begin_with(url, HISTORY, 0);
 }
 
 static struct daemon *begin(const char *url)
@@ -377,6 +383,106 @@ static void test_redis_history_is_cut_and_read(void **state)
 	assert_string_equal(a->list[0].text, "t2");
 	assert_int_equal(a->backing->ops->read(a->backing, "s", "\"t1\"",
 	    &reader), ERR_NOT_FOUND);
+	end(a);
+}
+
+/* ---- what the past may take ---- */
+
+/* Whether the revision of s with that text can be read. */
+static bool has(struct daemon *d, const char *text)
+{
+	struct backing_reader reader = reader_of(d);
+	char tag[40];
+	enum err err;
+
+	tag_of(text, tag);
+	err = d->backing->ops->read(d->backing, "s", tag, &reader);
+	if (err != ERR_OK && err != ERR_NOT_FOUND)
+		fail_msg("reading: %s", err_message(err));
+	return err == ERR_OK;
+}
+
+/* Puts text as s; gives the tag of the oldest that the store is told is kept. */
+static void put_and_see(struct daemon *d, const char *text,
+    struct scene_seq *seq, struct scene_seq *oldest)
+{
+	char tag[40];
+	struct backing_write w = write_of("s", text, NULL, true, tag);
+
+	on_guard(d, true);
+	assert_int_equal(d->backing->ops->commit(d->backing, &w, 1), ERR_OK);
+	on_guard(d, false);
+	assert_int_equal(w.result, ERR_OK);
+	*seq = w.revision.seq;
+	*oldest = w.oldest;
+}
+
+static void test_redis_history_bytes_at_below_and_above_the_bound(void **state)
+{
+	static const char *const texts[] = {"aaaa", "bbbbb", "c", "dd",
+	    "eeeeeeeeeeeeeeeeeeee", "fff"};
+	/* of past ones at most 9: the oldest that is left after each */
+	static const int oldest[] = {0, 0, 0 /* 9 */, 1 /* 8; 10, one more */,
+	    1 /* 8 */, 5 /* 20: alone beyond it */};
+	struct scene_seq seqs[6], first;
+	struct daemon *a;
+
+	(void)state;
+	need_redis();
+	a = begin_with(redis.url, 100, 9);
+	assert_int_equal(load(a), ERR_OK);
+	for (int i = 0; i < 6; i++) {
+		assert_int_equal(put(a, "other", texts[i]), ERR_OK);
+		put_and_see(a, texts[i], &seqs[i], &first);
+		assert_int_equal(scene_seq_compare(first, seqs[oldest[i]]), 0);
+		for (int j = 0; j <= i; j++)
+			assert_int_equal(has(a, texts[j]), j >= oldest[i]);
+	}
+	/* what is listed is what can be read */
+	assert_int_equal(load(a), ERR_OK);
+	assert_int_equal(a->count, 2);
+	end(a);
+}
+
+/* Each daemon's own bounds hold after its changes, and the others hear of it. */
+static void test_redis_history_bytes_of_two_daemons(void **state)
+{
+	struct scene_seq seq, oldest;
+	struct daemon *a, *b;
+	char bytes[64];
+
+	(void)state;
+	need_redis();
+	a = begin_with(redis.url, 100, 1000);
+	b = begin_with(redis.url, 100, 5);
+	assert_int_equal(load(a), ERR_OK);
+	assert_int_equal(load(b), ERR_OK);
+	put_and_see(a, "aaaa", &seq, &oldest);
+	put_and_see(a, "bbbb", &seq, &oldest);
+	put_and_see(a, "c", &seq, &oldest);
+	assert_true(has(b, "aaaa"));
+	put_and_see(b, "dd", &seq, &oldest); /* bbbb and c: 5 */
+	assert_true(await_told(a, "s", "dd"));
+	pthread_mutex_lock(&a->lock);
+	assert_string_equal(a->list[a->count - 1].etag, "\"c\"");
+	for (size_t i = 0; i < a->count; i++)
+		assert_int_equal(a->list[i].is_oldest,
+		    strcmp(a->list[i].etag, "\"bbbb\"") == 0);
+	pthread_mutex_unlock(&a->lock);
+	assert_false(has(a, "aaaa"));
+	assert_true(has(a, "bbbb"));
+	put_and_see(a, "ee", &seq, &oldest);
+	put_and_see(a, "ff", &seq, &oldest);
+	assert_true(has(a, "bbbb"));
+	/* as a daemon leaves it that does not know of the sum */
+	redis_cli(&redis, "hdel '{blobfield}:scene:s' past", NULL, 0);
+	put_and_see(b, "g", &seq, &oldest); /* ee and ff: 4; dd: 6 */
+	assert_false(has(b, "dd"));
+	assert_true(has(b, "ee") && has(b, "ff"));
+	redis_cli(&redis, "hget '{blobfield}:scene:s' past", bytes,
+	    sizeof bytes);
+	assert_string_equal(strchr(bytes, ' '), " 5\n");
+	end(b);
 	end(a);
 }
 
@@ -856,7 +962,8 @@ enum middle_mode {
 	MIDDLE_LOSE_REQUEST, /* of a change, and the connection with it */
 	MIDDLE_LATE_REQUEST, /* ... and then delivers it */
 	MIDDLE_LOSE_ANSWER,
-	MIDDLE_LOSE_ALL      /* the answer, and then nothing connects */
+	MIDDLE_LOSE_ALL,     /* the answer, and then nothing connects */
+	MIDDLE_HOLD_READS    /* of older revisions: nothing is answered */
 };
 
 struct middle {
@@ -864,6 +971,7 @@ struct middle {
 	char path[PATH_MAX + 32], url[PATH_MAX + 64];
 	atomic_int mode;
 	atomic_bool is_ending;
+	atomic_int held;         /* reads */
 	pthread_t thread;
 };
 
@@ -889,6 +997,13 @@ static int connect_to(const char *path)
 static bool is_change(const char *data, size_t length)
 {
 	return memmem(data, length, "\r\nput\r\n", 7) != NULL;
+}
+
+/* Whether it is for an older revision: the one script of two keys. */
+static bool is_read(const char *data, size_t length)
+{
+	return memmem(data, length, "\r\nEVALSHA\r\n", 11) != NULL &&
+	    memmem(data, length, "\r\n$1\r\n2\r\n", 9) != NULL;
 }
 
 /* Of an answer to TIME, seconds and microseconds. */
@@ -923,8 +1038,13 @@ static void *pass(void *ctx)
 			n = recv(pair.client, data, sizeof data, 0);
 			if (n <= 0)
 				break;
+			if (mode == MIDDLE_HOLD_READS &&
+			    is_read(data, (size_t)n)) {
+				atomic_fetch_add(&pair.m->held, 1);
+				continue;
+			}
 			is_lossy = mode > MIDDLE_OLD_CLOCK &&
-			    is_change(data, (size_t)n);
+			    mode != MIDDLE_HOLD_READS && is_change(data, (size_t)n);
 			if (is_lossy && mode == MIDDLE_LOSE_REQUEST)
 				break;
 			if (is_lossy && mode == MIDDLE_LATE_REQUEST) {
@@ -991,6 +1111,7 @@ static void start_middle(struct middle *m)
 	    sizeof address), 0);
 	assert_int_equal(listen(m->listener, 8), 0);
 	atomic_store(&m->mode, MIDDLE_PASS);
+	atomic_store(&m->held, 0);
 	atomic_store(&m->is_ending, false);
 	assert_int_equal(pthread_create(&m->thread, NULL, accept_all, m), 0);
 }
@@ -1021,6 +1142,73 @@ static void test_redis_lost_answer_is_looked_up(void **state)
 	assert_string_equal(b->list[b->count - 1].text, "2");
 	assert_int_equal(scene_seq_compare(b->list[b->count - 1].seq, seq), 0);
 	end(b);
+	end(a);
+	stop_middle(&m);
+}
+
+struct old_read {
+	struct daemon *d;
+	pthread_t thread;
+	atomic_int made, made_before; /* changes, and when it had ended */
+	enum err err;
+};
+
+static void *read_first(void *ctx)
+{
+	struct old_read *r = ctx;
+	struct backing_reader reader = reader_of(r->d);
+
+	r->err = r->d->backing->ops->read(r->d->backing, "s", "\"first\"",
+	    &reader);
+	atomic_store(&r->made_before, atomic_load(&r->made));
+	return NULL;
+}
+
+static void test_redis_read_without_answer_delays_no_change(void **state)
+{
+	static struct middle m;
+	struct old_read r = {.made = 0};
+	struct daemon *a;
+
+	(void)state;
+	need_redis();
+	start_middle(&m);
+	a = begin(m.url);
+	assert_int_equal(put(a, "s", "first"), ERR_OK);
+	assert_int_equal(put(a, "s", "second"), ERR_OK);
+	assert_true(has(a, "first"));
+	atomic_store(&m.mode, MIDDLE_HOLD_READS);
+	r.d = a;
+	pthread_create(&r.thread, NULL, read_first, &r);
+	for (int i = 0; i < 2000 && atomic_load(&m.held) == 0; i++)
+		usleep(10000);
+	assert_int_equal(atomic_load(&m.held), 1);
+	for (int i = 0; i < 64; i++) {
+		char text[16];
+
+		snprintf(text, sizeof text, "text %d", i);
+		assert_int_equal(put(a, "t", text), ERR_OK);
+		atomic_fetch_add(&r.made, 1);
+	}
+	pthread_join(r.thread, NULL);
+	print_message("measured: %d changes of 64 made while a read waited\n",
+	    atomic_load(&r.made_before));
+	/* 64 measured; on a machine that is busy at least one within the 2 s
+	 * that the read waits */
+	assert_true(atomic_load(&r.made_before) > 0);
+	assert_int_equal(r.err, ERR_UNAVAILABLE);
+	/* It says nothing of what the writer can do; and the next read does not
+	 * wait as long, nor is it asked. */
+	assert_true(a->backing->ops->is_well(a->backing));
+	read_first(&r);
+	assert_int_equal(r.err, ERR_UNAVAILABLE);
+	assert_int_equal(atomic_load(&m.held), 1);
+	atomic_store(&m.mode, MIDDLE_PASS);
+	for (int i = 0; i < 500 && r.err == ERR_UNAVAILABLE; i++) {
+		usleep(20000);
+		read_first(&r);
+	}
+	assert_int_equal(r.err, ERR_OK);
 	end(a);
 	stop_middle(&m);
 }
@@ -1172,6 +1360,8 @@ int main(void)
 #define TEST(name) cmocka_unit_test_setup(name, clean)
 		TEST(test_redis_kept_is_loaded_elsewhere),
 		TEST(test_redis_history_is_cut_and_read),
+		TEST(test_redis_history_bytes_at_below_and_above_the_bound),
+		TEST(test_redis_history_bytes_of_two_daemons),
 		TEST(test_redis_deleted_is_gone_with_its_past),
 		TEST(test_redis_expected_tag_decides),
 		TEST(test_redis_batch_has_a_result_each),
@@ -1194,6 +1384,7 @@ int main(void)
 		TEST(test_redis_password),
 		TEST(test_redis_that_comes_late_is_asked_to_be_loaded),
 		TEST(test_redis_lost_answer_is_looked_up),
+		TEST(test_redis_read_without_answer_delays_no_change),
 		TEST(test_redis_lost_request_is_not_made),
 		TEST(test_redis_late_request_is_not_made),
 		TEST(test_redis_clock_that_is_set_does_not_stop_changes),

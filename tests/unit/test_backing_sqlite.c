@@ -11,13 +11,16 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <pthread.h>
 #include <signal.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <sqlite3.h>
@@ -137,12 +140,19 @@ static void on_lost(void *ctx)
 	lost_count++;
 }
 
-static enum err open_at(const char *folder, struct backing **out)
+/* history_bytes 0: any */
+static enum err open_with(const char *folder, size_t history,
+    size_t history_bytes, struct backing **out)
 {
-	const struct backing_options options = {.history = HISTORY,
-	    .lost = on_lost};
+	const struct backing_options options = {.history = history,
+	    .history_bytes = history_bytes, .lost = on_lost};
 
 	return backing_open_sqlite(folder, &options, out);
+}
+
+static enum err open_at(const char *folder, struct backing **out)
+{
+	return open_with(folder, HISTORY, 0, out);
 }
 
 static struct backing *must_open(const char *folder)
@@ -315,6 +325,377 @@ static void test_history_is_trimmed_and_read(void **state)
 	b->ops->free(b);
 }
 
+/* ---- what the past may take ---- */
+
+static enum err ignore(void *ctx, const struct backing_revision *r)
+{
+	(void)ctx, (void)r;
+	return ERR_OK;
+}
+
+/* Texts that can be told from one another, of that length. */
+static const char *text_of(int number, size_t length)
+{
+	static char text[64];
+
+	assert_true(length < sizeof text);
+	memset(text, 'a' + number % 26, length);
+	text[length] = '\0';
+	return text;
+}
+
+/* Whether the revision of that text is there. */
+static bool has(struct backing *b, const char *id, const char *text)
+{
+	const struct backing_reader reader = {ignore, NULL, NULL};
+	char etag[ETAG_SIZE];
+	enum err err;
+
+	etag_of(text, strlen(text), etag);
+	err = b->ops->read(b, id, etag, &reader);
+	if (err != ERR_OK && err != ERR_NOT_FOUND)
+		fail_msg("reading: %s", err_message(err));
+	return err == ERR_OK;
+}
+
+/* Of id's texts of the lengths in list, as numbered from 0, the first `gone` are
+ * not there, the others are. */
+static void assert_kept(struct backing *b, const char *id,
+    const size_t *lengths, int count, int gone)
+{
+	for (int i = 0; i < count; i++)
+		assert_int_equal(has(b, id, text_of(i, lengths[i])),
+		    i >= gone);
+}
+
+static void test_history_bytes_at_below_and_above_the_bound(void **state)
+{
+	static const size_t lengths[] = {4, 5, 1, 2, 20, 3};
+	/* of past ones at most 9: how many are gone after each */
+	static const int gone[] = {0, 0, 0 /* 9 */, 1 /* 8; 10, one more */,
+	    1 /* 8 */, 5 /* 20: alone beyond it */};
+	const char *places[] = {*state, ":memory:"};
+
+	for (int k = 0; k < 2; k++) {
+		struct backing *b;
+
+		assert_int_equal(open_with(places[k], 100, 9, &b), ERR_OK);
+		for (int i = 0; i < 6; i++) {
+			must_keep(b, "0", text_of(i, lengths[i]));
+			must_keep(b, "1", text_of(i, 1)); /* its own 9 */
+			assert_kept(b, "0", lengths, i + 1, gone[i]);
+			assert_true(has(b, "1", "a"));
+		}
+		b->ops->free(b);
+	}
+}
+
+static void test_history_bytes_lowered_hold_after_load(void **state)
+{
+	static const size_t lengths[] = {4, 5, 1, 2, 3};
+	struct backing *b;
+	struct found f;
+
+	assert_int_equal(open_with(*state, 100, 0, &b), ERR_OK);
+	for (int i = 0; i < 5; i++)
+		must_keep(b, "0", text_of(i, lengths[i]));
+	must_keep(b, "1", "other");
+	assert_kept(b, "0", lengths, 5, 0);
+	b->ops->free(b);
+	assert_int_equal(open_with(*state, 100, 8, &b), ERR_OK);
+	look(b, &f);
+	assert_string_equal(f.text[0], "eee");
+	assert_kept(b, "0", lengths, 5, 1);
+	b->ops->free(b);
+	/* and so does a lowered number; the sum is still right */
+	assert_int_equal(open_with(*state, 3, 8, &b), ERR_OK);
+	look(b, &f);
+	assert_kept(b, "0", lengths, 5, 2);
+	must_keep(b, "0", text_of(5, 6));
+	assert_kept(b, "0", lengths, 5, 3);
+	b->ops->free(b);
+	assert_int_equal(open_with(*state, 3, 1, &b), ERR_OK);
+	/* without a load: at the next change */
+	must_keep(b, "0", "last");
+	assert_kept(b, "0", lengths, 5, 5);
+	assert_false(has(b, "0", text_of(5, 6)));
+	assert_true(has(b, "1", "other"));
+	b->ops->free(b);
+}
+
+/* What the model of test_history_bytes_as_a_model_has_them knows of a scene. */
+struct model {
+	size_t lengths[2000];
+	int first, count; /* those kept: from first to count */
+};
+
+static void model_put(struct model *m, size_t length, int history,
+    size_t most)
+{
+	size_t bytes = 0;
+
+	for (int i = m->first; i < m->count; i++)
+		bytes += m->lengths[i];
+	m->lengths[m->count++] = length;
+	while (m->count - m->first > history || (bytes > most &&
+	    m->count - m->first > 1))
+		bytes -= m->lengths[m->first++];
+}
+
+/* Texts are their numbers, filled up. */
+static const char *numbered(int number, size_t length, char out[static 64])
+{
+	snprintf(out, 64, "%0*d", (int)length, number);
+	return out;
+}
+
+static void model_check(struct backing *b, const struct model models[SCENES])
+{
+	for (int s = 0; s < SCENES; s++)
+		for (int i = 0; i < models[s].count; i++) {
+			const struct model *m = models + s;
+			char id[2] = {(char)('0' + s)}, text[64];
+
+			numbered(i, m->lengths[i], text);
+			assert_int_equal(has(b, id, text), i >= m->first);
+		}
+}
+
+static void test_history_bytes_as_a_model_has_them(void **state)
+{
+	static struct model models[SCENES];
+	size_t most = 100;
+	int history = 6;
+	struct backing *b;
+	struct found f;
+
+	memset(models, 0, sizeof models);
+	srand(7);
+	assert_int_equal(open_with(*state, (size_t)history, most, &b), ERR_OK);
+	for (int i = 0; i < 300; i++) {
+		char texts[8][64], tags[8][ETAG_SIZE], ids[8][2];
+		struct backing_write w[8];
+		int count = 1 + rand() % 8;
+
+		for (int j = 0; j < count; j++) {
+			int s = rand() % SCENES;
+			size_t length = 4 + (size_t)(rand() % 50);
+
+			memcpy(ids[j], (char[2]){(char)('0' + s)}, 2);
+			numbered(models[s].count, length, texts[j]);
+			etag_of(texts[j], length, tags[j]);
+			w[j] = (struct backing_write){.revision = {
+			    .id = ids[j], .etag = tags[j], .text = texts[j],
+			    .length = length, .owner = ""}};
+			model_put(models + s, length, history, most);
+		}
+		assert_int_equal(b->ops->commit(b, w, (size_t)count), ERR_OK);
+		if (i % 60 == 59) {
+			model_check(b, models);
+			b->ops->free(b);
+			assert_int_equal(open_with(*state, (size_t)history,
+			    most, &b), ERR_OK);
+			look(b, &f);
+		}
+	}
+	model_check(b, models);
+	b->ops->free(b);
+}
+
+/* ---- reading beside the writer ---- */
+
+/* A read that is told its text, and waits. */
+struct slow_read {
+	struct backing *b;
+	char etag[ETAG_SIZE], text[32];
+	pthread_t thread;
+	pthread_mutex_t lock;    /* guards: */
+	pthread_cond_t wake;
+	bool is_told, is_let_go, is_tired;
+	enum err err;
+};
+
+static enum err wait_with_text(void *ctx, const struct backing_revision *r)
+{
+	struct slow_read *s = ctx;
+	struct timespec until;
+
+	clock_gettime(CLOCK_REALTIME, &until);
+	until.tv_sec += 20;
+	snprintf(s->text, sizeof s->text, "%.*s", (int)r->length, r->text);
+	pthread_mutex_lock(&s->lock);
+	s->is_told = true;
+	pthread_cond_broadcast(&s->wake);
+	while (!s->is_let_go && !s->is_tired)
+		s->is_tired = pthread_cond_timedwait(&s->wake, &s->lock,
+		    &until) == ETIMEDOUT;
+	pthread_mutex_unlock(&s->lock);
+	return ERR_OK;
+}
+
+static void *read_slowly(void *ctx)
+{
+	struct slow_read *s = ctx;
+	const struct backing_reader reader = {wait_with_text, NULL, s};
+
+	s->err = s->b->ops->read(s->b, "0", s->etag, &reader);
+	return NULL;
+}
+
+static void begin_slow_read(struct slow_read *s, struct backing *b,
+    const char *text)
+{
+	*s = (struct slow_read){.b = b, .lock = PTHREAD_MUTEX_INITIALIZER,
+	    .wake = PTHREAD_COND_INITIALIZER};
+	etag_of(text, strlen(text), s->etag);
+	pthread_create(&s->thread, NULL, read_slowly, s);
+	pthread_mutex_lock(&s->lock);
+	while (!s->is_told)
+		pthread_cond_wait(&s->wake, &s->lock);
+	pthread_mutex_unlock(&s->lock);
+}
+
+static void end_slow_read(struct slow_read *s)
+{
+	pthread_mutex_lock(&s->lock);
+	s->is_let_go = true;
+	pthread_cond_broadcast(&s->wake);
+	pthread_mutex_unlock(&s->lock);
+	pthread_join(s->thread, NULL);
+	assert_false(s->is_tired); /* else what it was to delay, waited */
+	assert_int_equal(s->err, ERR_OK);
+}
+
+static void test_read_that_waits_delays_no_change(void **state)
+{
+	const char *places[] = {*state, ":memory:"};
+	static char data[(1 << 20) + 1];
+	const struct backing_volume v = {"id", data, sizeof data, false};
+
+	for (int k = 0; k < 2; k++) {
+		struct backing *b = must_open(places[k]);
+		struct slow_read s;
+		struct found f;
+		char text[32];
+
+		must_keep(b, "0", "first");
+		must_keep(b, "0", "second");
+		begin_slow_read(&s, b, "first");
+		for (int i = 0; i < 64; i++) {
+			snprintf(text, sizeof text, "text %d", i);
+			must_keep(b, i % 2 == 0 ? "0" : "1", text);
+		}
+		assert_int_equal(b->ops->put_volume(b, &v), ERR_OK);
+		look(b, &f);
+		assert_string_equal(f.text[1], "text 63");
+		end_slow_read(&s);
+		assert_string_equal(s.text, "first");
+		assert_false(has(b, "0", "first")); /* cut meanwhile */
+		b->ops->free(b);
+	}
+}
+
+/* Reads one text again and again. */
+struct reading {
+	struct backing *b;
+	char etag[ETAG_SIZE];
+	atomic_bool is_over;
+	atomic_int reads, wrong;
+};
+
+static enum err compare_text(void *ctx, const struct backing_revision *r)
+{
+	struct reading *reading = ctx;
+
+	if (r->length != 5 || memcmp(r->text, "first", 5) != 0)
+		atomic_fetch_add(&reading->wrong, 1);
+	return ERR_OK;
+}
+
+static void *read_on(void *ctx)
+{
+	struct reading *reading = ctx;
+	const struct backing_reader reader = {compare_text, NULL, reading};
+
+	while (!atomic_load(&reading->is_over)) {
+		enum err err = reading->b->ops->read(reading->b, "3",
+		    reading->etag, &reader);
+
+		atomic_fetch_add(&reading->reads, err == ERR_OK);
+		if (err != ERR_OK && err != ERR_UNAVAILABLE)
+			atomic_fetch_add(&reading->wrong, 1);
+	}
+	return NULL;
+}
+
+static pthread_t begin_reading(struct reading *reading, struct backing *b)
+{
+	pthread_t thread;
+
+	*reading = (struct reading){.b = b};
+	etag_of("first", 5, reading->etag);
+	must_keep(b, "3", "first");
+	must_keep(b, "3", "second");
+	pthread_create(&thread, NULL, read_on, reading);
+	return thread;
+}
+
+static void end_reading(struct reading *reading, pthread_t thread)
+{
+	for (int i = 0; i < 2000 && reading->reads == 0; i++)
+		usleep(10000);
+	atomic_store(&reading->is_over, true);
+	pthread_join(thread, NULL);
+	assert_true(reading->reads > 0);
+	assert_int_equal(reading->wrong, 0);
+}
+
+static void test_reads_while_the_file_is_opened_anew(void **state)
+{
+	struct backing *b = must_open(*state);
+	struct reading reading;
+	pthread_t thread;
+	int log = dup(STDERR_FILENO), nowhere = open("/dev/null", O_WRONLY);
+	int refused = 0;
+
+	thread = begin_reading(&reading, b);
+	dup2(nowhere, STDERR_FILENO);
+	close(nowhere);
+	for (int i = 0; i < 40; i++) {
+		sync_failure.calls = 0;
+		sync_failure.from = 1;
+		sync_failure.count = 1 + i % 3;
+		refused += keep(b, "0", i % 2 == 0 ? "x" : "y", NULL) !=
+		    ERR_OK;
+		sync_failure.from = 0;
+		/* as the store does */
+		for (int j = 0; j < 3 && !b->ops->is_well(b); j++)
+			b->ops->commit(b, NULL, 0);
+	}
+	dup2(log, STDERR_FILENO);
+	close(log);
+	end_reading(&reading, thread);
+	print_message("measured: %d reads, %d changes refused of 40\n",
+	    reading.reads, refused);
+	assert_true(refused > 0);
+	assert_true(has(b, "3", "first"));
+	b->ops->free(b);
+}
+
+/* The log is cut by who closes the file last. */
+static void test_reader_leaves_no_log_behind(void **state)
+{
+	struct backing *b = must_open(*state);
+	struct stat info;
+
+	must_keep(b, "0", "one");
+	must_keep(b, "0", "two");
+	assert_true(has(b, "0", "one"));
+	b->ops->free(b);
+	assert_int_equal(stat(path_of(*state, "scenes.sqlite-wal"), &info),
+	    -1);
+}
+
 static void test_volume_of_several_pieces(void **state)
 {
 	struct backing *b = must_open(*state);
@@ -441,6 +822,13 @@ static void test_file_of_version_1_is_brought_up(void **state)
 	assert_int_equal(keep(b, "1", "two", &seq), ERR_OK);
 	assert_int_equal(seq, 42);
 	b->ops->free(b);
+	/* of one and two, as it was brought up */
+	assert_int_equal(open_with(*state, 100, 6, &b), ERR_OK);
+	must_keep(b, "1", "three");
+	assert_true(has(b, "1", "one"));
+	must_keep(b, "1", "four");
+	assert_false(has(b, "1", "two"));
+	b->ops->free(b);
 }
 
 static void keep_one(const char *folder)
@@ -515,12 +903,6 @@ static void test_truncated_file_is_refused(void **state)
 	assert_refused(*state, ERR_INVALID);
 }
 
-static enum err ignore(void *ctx, const struct backing_revision *r)
-{
-	(void)ctx, (void)r;
-	return ERR_OK;
-}
-
 /* Damage that SQLite does not see. */
 static void test_changed_text_is_found(void **state)
 {
@@ -545,6 +927,50 @@ static void test_changed_text_is_found(void **state)
 		run_sql(path_of(*state, "scenes.sqlite"),
 		    "DELETE FROM revision; DELETE FROM scene");
 	}
+}
+
+/* An older one is not looked at before it is asked for. */
+static void test_changed_older_text_is_found(void **state)
+{
+	const struct backing_reader reader = {ignore, NULL, NULL};
+	struct backing *b = must_open(*state);
+	char etag[ETAG_SIZE];
+	struct found f;
+
+	must_keep(b, "0", "one");
+	must_keep(b, "0", "two");
+	must_keep(b, "0", "three");
+	b->ops->free(b);
+	run_sql(path_of(*state, "scenes.sqlite"),
+	    "UPDATE revision SET text = x'00' WHERE seq = 1");
+	b = must_open(*state);
+	look(b, &f);
+	etag_of("one", 3, etag);
+	assert_int_equal(b->ops->read(b, "0", etag, &reader), ERR_INVALID);
+	assert_true(has(b, "0", "two"));
+	must_keep(b, "0", "four");
+	b->ops->free(b);
+}
+
+static void test_sum_that_is_not_what_is_kept_is_made_anew(void **state)
+{
+	struct backing *b;
+	struct found f;
+
+	assert_int_equal(open_with(*state, 100, 9, &b), ERR_OK);
+	must_keep(b, "0", "four");
+	must_keep(b, "0", "five5");
+	b->ops->free(b);
+	run_sql(path_of(*state, "scenes.sqlite"),
+	    "UPDATE scene SET bytes = 1000");
+	assert_int_equal(open_with(*state, 100, 9, &b), ERR_OK);
+	look(b, &f);
+	must_keep(b, "0", "x");
+	assert_true(has(b, "0", "four")); /* 9 of 9 */
+	must_keep(b, "0", "y");
+	assert_false(has(b, "0", "four"));
+	assert_true(has(b, "0", "five5"));
+	b->ops->free(b);
 }
 
 /* Who has no volume of that id in memory is not told that it is kept. */
@@ -597,6 +1023,7 @@ static void test_file_removed_or_replaced_is_not_written(void **state)
 {
 	const struct backing_options options = {.history = 3,
 	    .lost = on_lost};
+	const struct backing_reader reader = {ignore, NULL, NULL};
 	char path[PATH_MAX + 32], copy[PATH_MAX + 64];
 	struct backing *b;
 
@@ -604,7 +1031,12 @@ static void test_file_removed_or_replaced_is_not_written(void **state)
 	snprintf(copy, sizeof copy, "%s.copy", path);
 	keep_one(*state);
 	assert_int_equal(backing_open_sqlite(*state, &options, &b), ERR_OK);
+	assert_false(has(b, "0", "none"));
 	assert_int_equal(rename(path, copy), 0);
+	/* who reads finds it, too, and the writer is to look */
+	assert_int_equal(b->ops->read(b, "0", "\"none\"", &reader),
+	    ERR_UNAVAILABLE);
+	assert_false(b->ops->is_well(b));
 	lost_count = 0;
 	assert_int_equal(b->ops->commit(b, NULL, 0), ERR_UNAVAILABLE);
 	assert_false(b->ops->is_well(b));
@@ -614,6 +1046,7 @@ static void test_file_removed_or_replaced_is_not_written(void **state)
 	assert_int_equal(lost_count, 1);
 	assert_int_equal(b->ops->commit(b, NULL, 0), ERR_OK);
 	assert_true(b->ops->is_well(b));
+	assert_false(has(b, "0", "none"));
 	b->ops->free(b);
 }
 
@@ -687,6 +1120,7 @@ static void test_read_only_folder_is_refused(void **state)
 static int change_under_failure(const char *folder, long *from, long *count,
     long n, long run)
 {
+	const struct backing_reader reader = {ignore, NULL, NULL};
 	char model[SCENES][32] = {""}, text[32];
 	struct backing *b = must_open(folder);
 	int refused = 0;
@@ -704,6 +1138,8 @@ static int change_under_failure(const char *folder, long *from, long *count,
 			strcpy(model[i % SCENES], deletes ? "" : text);
 		else
 			refused++;
+		/* by a connection that is open while others fail */
+		b->ops->read(b, id, "\"none\"", &reader);
 		if (b->ops->is_well(b))
 			continue;
 		/* as the store does */
@@ -821,6 +1257,12 @@ int main(void)
 		CASE(test_group_is_one_transaction),
 		CASE(test_seq_never_goes_back),
 		CASE(test_history_is_trimmed_and_read),
+		CASE(test_history_bytes_at_below_and_above_the_bound),
+		CASE(test_history_bytes_lowered_hold_after_load),
+		CASE(test_history_bytes_as_a_model_has_them),
+		CASE(test_read_that_waits_delays_no_change),
+		CASE(test_reads_while_the_file_is_opened_anew),
+		CASE(test_reader_leaves_no_log_behind),
 		CASE(test_volume_of_several_pieces),
 		CASE(test_memory_keeps_nothing),
 		CASE(test_files_are_for_their_owner_alone),
@@ -831,6 +1273,8 @@ int main(void)
 		CASE(test_damaged_file_is_refused_and_left),
 		CASE(test_truncated_file_is_refused),
 		CASE(test_changed_text_is_found),
+		CASE(test_changed_older_text_is_found),
+		CASE(test_sum_that_is_not_what_is_kept_is_made_anew),
 		CASE(test_what_is_no_volume_is_refused),
 		CASE(test_reader_does_not_stop_a_volume),
 		CASE(test_file_removed_or_replaced_is_not_written),

@@ -9,6 +9,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
+#include <errno.h>
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdio.h>
@@ -39,6 +40,10 @@
 #define EVENTS_MAX 4096
 #define THREADS 8
 #define ROUNDS 50
+#define TIRED_SECONDS 20
+
+/* Reads that wait at most, as scene_worker.c has it. */
+#define READS_MAX 256
 
 /* ---- the rest of the daemon ---- */
 
@@ -106,7 +111,9 @@ static struct {
 	pthread_mutex_t lock; /* guards: */
 	pthread_cond_t wake;
 	bool is_held;         /* commits wait */
-	atomic_bool is_within;/* one does */
+	bool is_read_held;    /* reads do */
+	atomic_bool is_within, is_reading; /* one does */
+	atomic_bool is_tired; /* a read has waited for too long */
 	atomic_int commits, writes, fail_every, conflicts, away;
 	atomic_int refreshes, gone;
 } fake = {.lock = PTHREAD_MUTEX_INITIALIZER, .wake = PTHREAD_COND_INITIALIZER};
@@ -244,7 +251,18 @@ static enum err fake_refresh(struct backing *b, const char *id,
 static enum err fake_read(struct backing *b, const char *id, const char *etag,
     const struct backing_reader *reader)
 {
+	struct timespec until;
+
 	(void)b;
+	clock_gettime(CLOCK_REALTIME, &until);
+	until.tv_sec += TIRED_SECONDS;
+	pthread_mutex_lock(&fake.lock);
+	atomic_store(&fake.is_reading, true);
+	while (fake.is_read_held && !atomic_load(&fake.is_tired))
+		atomic_store(&fake.is_tired, pthread_cond_timedwait(
+		    &fake.wake, &fake.lock, &until) == ETIMEDOUT);
+	atomic_store(&fake.is_reading, false);
+	pthread_mutex_unlock(&fake.lock);
 	for (size_t i = 0; i < fake.count; i++)
 		if (!fake.list[i].is_dead &&
 		    strcmp(fake.list[i].id, id) == 0 &&
@@ -393,6 +411,31 @@ static void hold(bool is_held)
 	pthread_mutex_unlock(&fake.lock);
 }
 
+static void hold_reads(bool is_held)
+{
+	pthread_mutex_lock(&fake.lock);
+	fake.is_read_held = is_held;
+	pthread_cond_broadcast(&fake.wake);
+	pthread_mutex_unlock(&fake.lock);
+}
+
+/* Asks for the revision of a that had that text. */
+static enum err submit_read(struct asked *a, const char *text)
+{
+	memset(&a->change, 0, sizeof a->change);
+	atomic_store(&a->is_done, false);
+	a->change = (struct scene_change){.kind = SCENE_READ, .id = "a",
+	    .done = on_done, .ctx = a};
+	etag_of(text, strlen(text), a->change.etag);
+	return scene_store_submit(server.scenes, &a->change);
+}
+
+static void await_reading(void)
+{
+	while (!atomic_load(&fake.is_reading))
+		usleep(100);
+}
+
 /* Has the writer wait in a commit, of scene "held". */
 static void hold_with(struct asked *a)
 {
@@ -418,7 +461,8 @@ static void reset(void)
 {
 	fake.count = 0;
 	fake.seq = 0;
-	fake.is_held = false;
+	fake.is_held = fake.is_read_held = false;
+	atomic_store(&fake.is_tired, false);
 	fake.commits = fake.writes = fake.fail_every = fake.conflicts = 0;
 	fake.away = fake.refreshes = fake.gone = 0;
 	atomic_store(&event_count, 0);
@@ -451,6 +495,7 @@ static int teardown(void **state)
 {
 	(void)state;
 	hold(false);
+	hold_reads(false);
 	stop();
 	volume_store_free(server.volumes);
 	return 0;
@@ -737,18 +782,216 @@ static void test_history_is_trimmed(void **state)
 	assert_int_equal(scene_store_since(server.scenes, "a",
 	    (struct scene_seq){99, 0}, 8, list, &missed), 3);
 	assert_true(missed);
-	memset(&a.change, 0, sizeof a.change);
-	atomic_store(&a.is_done, false);
-	a.change = (struct scene_change){.kind = SCENE_READ, .id = "a",
-	    .done = on_done, .ctx = &a};
-	etag_of("4", 1, a.change.etag);
-	scene_store_submit(server.scenes, &a.change);
+	assert_int_equal(submit_read(&a, "4"), ERR_OK);
 	assert_int_equal(await(&a), ERR_OK);
 	assert_string_equal(a.change.text, "4");
 	free(a.change.text);
 	delete("a");
 	assert_int_equal(scene_store_history(server.scenes, "a", NULL, 8,
 	    list), 0);
+}
+
+/* ---- what the past may take ---- */
+
+static void start_with(size_t history, size_t history_bytes)
+{
+	stop();
+	config.history = history;
+	config.history_bytes = history_bytes;
+	start();
+}
+
+/* The lengths of what is listed of id, newest first, as "4,3,". */
+static void assert_listed(const char *id, const char *lengths)
+{
+	struct scene_event list[16];
+	size_t count = scene_store_history(server.scenes, id, NULL, 16, list);
+	char text[128] = "";
+
+	for (size_t i = 0; i < count; i++)
+		snprintf(text + strlen(text), sizeof text - strlen(text),
+		    "%zu,", list[i].length);
+	assert_string_equal(text, lengths);
+}
+
+static void test_history_bytes_exactly_at_and_around_the_bound(void **state)
+{
+	(void)state;
+	start_with(16, 9);
+	put("a", "4444");
+	put("a", "55555");
+	assert_listed("a", "5,4,");
+	put("a", "1");
+	assert_listed("a", "1,5,4,"); /* 9 of 9 */
+	put("a", "22");
+	assert_listed("a", "2,1,5,"); /* 10 would be */
+	put("a", "333");
+	assert_listed("a", "3,2,1,5,"); /* 8 */
+	assert_int_equal(scene_store_history_bytes(server.scenes), 8);
+}
+
+static void test_history_bytes_one_revision_beyond_them(void **state)
+{
+	(void)state;
+	start_with(16, 4);
+	put("a", "1");
+	put("a", "55555");
+	assert_listed("a", "5,1,"); /* the present one does not count */
+	put("a", "22");
+	assert_listed("a", "2,");   /* nor stays, nor what is before it */
+	put("a", "333");
+	assert_listed("a", "3,2,");
+	assert_int_equal(scene_store_history_bytes(server.scenes), 2);
+}
+
+static void test_history_bytes_are_each_scenes_own(void **state)
+{
+	(void)state;
+	start_with(3, 4);
+	for (int i = 0; i < 8; i++) {
+		char id[8];
+
+		snprintf(id, sizeof id, "s%d", i);
+		put(id, "4444");
+		put(id, "333");
+		assert_listed(id, "3,4,");
+	}
+	assert_int_equal(scene_store_history_bytes(server.scenes), 32);
+	delete("s0");
+	assert_int_equal(scene_store_history_bytes(server.scenes), 28);
+	put("s1", "1");
+	put("s1", "");
+	put("s1", "22");
+	put("s1", "1");
+	assert_listed("s1", "1,2,0,"); /* --history, too */
+}
+
+static void test_history_bytes_lowered_hold_from_the_start(void **state)
+{
+	struct scene_event list[8];
+	bool missed;
+
+	(void)state;
+	start_with(16, 0);
+	put("a", "4444");
+	put("a", "333");
+	put("a", "22");
+	put("a", "1");
+	put("b", "55555");
+	assert_listed("a", "1,2,3,4,");
+	start_with(16, 5);
+	assert_listed("a", "1,2,3,");
+	assert_listed("b", "5,");
+	start_with(16, 1);
+	assert_listed("a", "1,");
+	scene_store_since(server.scenes, "a", (struct scene_seq){1, 0}, 8,
+	    list, &missed);
+	assert_true(missed);
+	assert_int_equal(scene_store_history_bytes(server.scenes), 0);
+}
+
+/* ---- reading what is past ---- */
+
+static void test_read_delays_no_change(void **state)
+{
+	struct asked read;
+	char text[16];
+
+	(void)state;
+	put("a", "first");
+	put("a", "second");
+	hold_reads(true);
+	assert_int_equal(submit_read(&read, "first"), ERR_OK);
+	await_reading();
+	for (int i = 0; i < 64; i++) {
+		snprintf(text, sizeof text, "%d", i);
+		assert_int_equal(put("b", text), ERR_OK);
+	}
+	/* all are kept, and the read is not done */
+	assert_true(atomic_load(&fake.is_reading));
+	assert_false(atomic_load(&read.is_done));
+	hold_reads(false);
+	assert_int_equal(await(&read), ERR_OK);
+	assert_string_equal(read.change.text, "first");
+	free(read.change.text);
+	assert_false(atomic_load(&fake.is_tired));
+}
+
+static void test_reads_do_not_wait_for_a_commit(void **state)
+{
+	struct asked held, read;
+
+	(void)state;
+	put("a", "first");
+	put("a", "second");
+	hold_with(&held);
+	assert_int_equal(submit_read(&read, "first"), ERR_OK);
+	assert_int_equal(await(&read), ERR_OK);
+	free(read.change.text);
+	assert_int_equal(submit_read(&read, "never"), ERR_OK);
+	assert_int_equal(await(&read), ERR_NOT_FOUND);
+	assert_false(atomic_load(&held.is_done));
+	hold(false);
+	assert_int_equal(await(&held), ERR_OK);
+}
+
+static void test_too_many_reads_are_refused(void **state)
+{
+	static struct asked reads[READS_MAX + 1];
+	struct asked more;
+
+	(void)state;
+	put("a", "first");
+	hold_reads(true);
+	assert_int_equal(submit_read(&reads[0], "first"), ERR_OK);
+	await_reading();
+	for (int i = 1; i <= READS_MAX; i++)
+		assert_int_equal(submit_read(&reads[i], "first"), ERR_OK);
+	assert_int_equal(submit_read(&more, "first"), ERR_BUSY);
+	assert_int_equal(put("b", "x"), ERR_OK);
+	hold_reads(false);
+	for (int i = 0; i <= READS_MAX; i++) {
+		assert_int_equal(await(&reads[i]), ERR_OK);
+		free(reads[i].change.text);
+	}
+}
+
+static void *stop_store(void *ctx)
+{
+	scene_store_stop(server.scenes);
+	return ctx;
+}
+
+static void test_stopping_cancels_reads_that_wait(void **state)
+{
+	static struct asked reads[READS_MAX];
+	int count = 0, ok = 0, cancelled = 0;
+	enum err err = ERR_OK;
+	pthread_t thread;
+
+	(void)state;
+	put("a", "first");
+	hold_reads(true);
+	assert_int_equal(submit_read(&reads[count++], "first"), ERR_OK);
+	await_reading();
+	assert_int_equal(submit_read(&reads[count++], "first"), ERR_OK);
+	pthread_create(&thread, NULL, stop_store, NULL);
+	while (err == ERR_OK && count < READS_MAX) {
+		usleep(1000);
+		err = submit_read(&reads[count], "first");
+		count += err == ERR_OK;
+	}
+	hold_reads(false);
+	pthread_join(thread, NULL);
+	for (int i = 0; i < count; i++) {
+		err = await(&reads[i]);
+		ok += err == ERR_OK;
+		cancelled += err == ERR_CANCELLED;
+		free(reads[i].change.text);
+	}
+	assert_int_equal(ok + cancelled, count);
+	assert_true(ok >= 1 && cancelled >= 1);
+	assert_int_equal(submit_read(&reads[0], "first"), ERR_CANCELLED);
 }
 
 static void test_owner_stays_and_is_counted(void **state)
@@ -1159,6 +1402,14 @@ int main(void)
 		CASE(test_patches_of_one_base_are_all_there),
 		CASE(test_a_patch_that_is_waited_for_is_rebased),
 		CASE(test_history_is_trimmed),
+		CASE(test_history_bytes_exactly_at_and_around_the_bound),
+		CASE(test_history_bytes_one_revision_beyond_them),
+		CASE(test_history_bytes_are_each_scenes_own),
+		CASE(test_history_bytes_lowered_hold_from_the_start),
+		CASE(test_read_delays_no_change),
+		CASE(test_reads_do_not_wait_for_a_commit),
+		CASE(test_too_many_reads_are_refused),
+		CASE(test_stopping_cancels_reads_that_wait),
 		CASE(test_owner_stays_and_is_counted),
 		CASE(test_restart_reads_what_is_kept),
 		CASE(test_volumes_of_a_scene_that_cannot_be_used_stay),

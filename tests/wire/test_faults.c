@@ -103,6 +103,7 @@ static char *volume_file; /* npy */
 static size_t volume_length;
 static char volume_id[40];
 static char volume_document[256], volume_path[64];
+static char revision_path[128]; /* the scene before it was patched */
 
 static struct step steps[] = {
 	{"PUT", SCENE, JSON, DOCUMENT, 0, 201, CHECK_STATUS,
@@ -124,6 +125,8 @@ static struct step steps[] = {
 	    CHECK_BYTES, NOTHING,
 	    ABSENT},
 	{"GET", SCENE "/revisions", NULL, NULL, 0, 200, CHECK_STATUS, NOTHING,
+	    ABSENT},
+	{"GET", revision_path, NULL, NULL, 0, 200, CHECK_BYTES, NOTHING,
 	    ABSENT},
 	{"POST", SCENE "/mesh?format=stl", JSON, "{\"resolution\":12}", 0, 200,
 	    CHECK_BYTES, NOTHING,
@@ -156,7 +159,7 @@ static struct step steps[] = {
 
 #define STEPS (sizeof steps / sizeof *steps)
 #define DELETIONS 3        /* the last ones */
-#define GET_PATCHED 13     /* the scene as it was patched */
+#define GET_PATCHED 14     /* the scene as it was patched */
 
 static struct http_reply golden[STEPS]; /* of those whose bytes count */
 
@@ -192,6 +195,16 @@ static void name_volume(const char *id)
 	snprintf(volume_document, sizeof volume_document, "{\"format\":"
 	    "\"blobfield/1\",\"root\":{\"type\":\"volume\",\"volume\":\"%s\"}}",
 	    id);
+}
+
+/* By what the answer says that was kept. */
+static void name_revision(const struct http_reply *reply)
+{
+	cJSON *json = cJSON_Parse(reply->body);
+
+	snprintf(revision_path, sizeof revision_path, SCENE "?revision=%s",
+	    cJSON_GetStringValue(cJSON_GetObjectItem(json, "revision")));
+	cJSON_Delete(json);
 }
 
 static void send_step(const char *url, const struct step *step,
@@ -608,6 +621,8 @@ static void learn(struct bed *bed)
 			    cJSON_GetObjectItem(json, "id")));
 			cJSON_Delete(json);
 		}
+		if (i == 0)
+			name_revision(&reply);
 		http_reply_fini(&golden[i]);
 		golden[i] = reply;
 	}

@@ -215,6 +215,80 @@ static void test_history_is_read_over_a_restart(void **state)
 	daemon_stop(&p->d, SIGKILL);
 }
 
+/* Every revision that is listed can be read, as it was; and of all that were
+ * made, no other. Returns how many. */
+static int assert_listed_are_readable(const struct place *p, int made)
+{
+	char text[DOCUMENT_MAX], path[128];
+	cJSON *json = get_json(p, "/v1/scenes/h/revisions");
+	cJSON *list = cJSON_GetObjectItem(json, "revisions");
+	int count = cJSON_GetArraySize(list), place = 0;
+	const cJSON *item;
+
+	cJSON_ArrayForEach(item, list) {
+		struct http_reply reply;
+
+		snprintf(path, sizeof path, "/v1/scenes/h?revision=%s",
+		    text_of(item, "revision"));
+		http_get(p->d.url, path, &reply);
+		assert_int_equal(reply.status, 200);
+		assert_string_equal(reply.body, sphere(made - place++, text));
+		http_reply_fini(&reply);
+	}
+	cJSON_Delete(json);
+	return count;
+}
+
+static void test_history_bytes_bound_what_is_listed_and_read(void **state)
+{
+	struct place *p = *state;
+	char text[DOCUMENT_MAX], path[128], bound[32];
+	/* all are as long, to 9 */
+	size_t length = strlen(sphere(1, text));
+	struct http_reply reply;
+	cJSON *json;
+
+	snprintf(bound, sizeof bound, "%zu", 3 * length);
+	start(p, "--history-bytes", bound);
+	put(p, "/v1/scenes/h", sphere(1, text), &reply);
+	json = cJSON_Parse(reply.body);
+	snprintf(path, sizeof path, "/v1/scenes/h?revision=%s",
+	    text_of(json, "revision"));
+	cJSON_Delete(json);
+	http_reply_fini(&reply);
+	for (int i = 2; i <= 4; i++)
+		put(p, "/v1/scenes/h", sphere(i, text), NULL);
+	/* exactly what may be, and the present one */
+	assert_int_equal(assert_listed_are_readable(p, 4), 4);
+	put(p, "/v1/scenes/h", sphere(5, text), NULL);
+	assert_int_equal(assert_listed_are_readable(p, 5), 4);
+	http_get(p->d.url, path, &reply);
+	assert_int_equal(reply.status, 404);
+	assert_non_null(strstr(reply.body, "not kept (any more)"));
+	http_reply_fini(&reply);
+	json = get_json(p, "/v1/info");
+	assert_int_equal(cJSON_GetObjectItem(cJSON_GetObjectItem(json,
+	    "store"), "history_bytes")->valueint, 3 * length);
+	cJSON_Delete(json);
+	http_get(p->d.url, "/metrics", &reply);
+	snprintf(path, sizeof path, "\nblobfield_scene_history_bytes %zu\n",
+	    3 * length);
+	assert_non_null(strstr(reply.body, path));
+	http_reply_fini(&reply);
+	assert_int_equal(daemon_stop(&p->d, SIGTERM), 0);
+	/* One byte less: from the start on. */
+	snprintf(bound, sizeof bound, "%zu", 3 * length - 1);
+	start(p, "--history-bytes", bound);
+	assert_int_equal(assert_listed_are_readable(p, 5), 3);
+	assert_int_equal(daemon_stop(&p->d, SIGTERM), 0);
+	start(p, NULL, NULL);
+	assert_int_equal(assert_listed_are_readable(p, 5), 3);
+	daemon_stop(&p->d, SIGKILL);
+	start(p, "--history-bytes", "1");
+	assert_int_equal(assert_listed_are_readable(p, 5), 1);
+	daemon_stop(&p->d, SIGKILL);
+}
+
 /* ---- kill -9 ---- */
 
 struct writer {
@@ -547,6 +621,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		CASE(test_history_is_read_over_a_restart),
+		CASE(test_history_bytes_bound_what_is_listed_and_read),
 		CASE(test_killed_daemon_has_what_it_acknowledged),
 		CASE(test_second_daemon_refuses_the_folder),
 		CASE(test_damaged_file_is_refused_with_what_to_do),
