@@ -215,7 +215,7 @@ $(B)/tests/unit/test_access: $(addprefix $(B)/server/,token.o token_file.o \
 	bucket.o)
 
 # What keeps scenes in Redis, without the store.
-$(B)/tests/unit/test_backing_redis: UNIT_LIBS := -lhiredis
+$(B)/tests/unit/test_backing_redis: UNIT_LIBS := -lhiredis -lgnutls
 $(B)/tests/unit/test_backing_redis: $(addprefix $(B)/,$(patsubst %.c,%.o,\
 	$(wildcard server/backing_redis*.c)) server/scene_seq.o server/log.o)
 

@@ -32,6 +32,7 @@
 #include "server/config.h"
 #include "server/cors.h"
 #include "server/exchange.h"
+#include "server/host.h"
 #include "server/http_accept.h"
 #include "server/log.h"
 #include "server/program.h"
@@ -160,7 +161,8 @@ enum err access_create(const struct config *config, struct access **out)
 	struct access *a;
 	enum err err = ERR_OK;
 
-	if (!cors_check(config->cors))
+	if (!cors_check(config->cors) ||
+	    !host_names_are_valid(config->hosts))
 		return ERR_INVALID;
 	a = calloc(1, sizeof *a);
 	if (a == NULL)
@@ -526,6 +528,11 @@ size_t access_scenes_most(const struct exchange *x)
 	return x->token != NULL ? x->token->scenes : SIZE_MAX;
 }
 
+size_t access_volume_bytes_most(const struct exchange *x)
+{
+	return x->token != NULL ? x->token->volume_bytes : SIZE_MAX;
+}
+
 /* ---- GET /v1/tokens ---- */
 
 static void describe_limits(const struct token *t, cJSON *limits)
@@ -537,6 +544,9 @@ static void describe_limits(const struct token *t, cJSON *limits)
 	}
 	if (t->scenes != SIZE_MAX)
 		cJSON_AddNumberToObject(limits, "scenes", (double)t->scenes);
+	if (t->volume_bytes != SIZE_MAX)
+		cJSON_AddNumberToObject(limits, "volume_bytes",
+		    (double)t->volume_bytes);
 }
 
 static void describe_use(const struct token *t, cJSON *used)

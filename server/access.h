@@ -109,6 +109,9 @@ bool access_is_still_allowed(struct access *a, const struct token *token,
 const char *access_owner(const struct exchange *x);
 size_t access_scenes_most(const struct exchange *x);
 
+/* The same of volumes, the bytes that they take. */
+size_t access_volume_bytes_most(const struct exchange *x);
+
 /* For GET /v1/tokens: names, roles, limits, what has been used. */
 struct cJSON *access_describe(struct access *a);
 

@@ -48,6 +48,7 @@ struct backing_volume {
 	const void *data;        /* as volume_store encodes it */
 	size_t length;
 	bool is_forgotten;
+	const char *owner;       /* a token's name, or ""; NULL: not told */
 };
 
 /* Who is told what a backing has. Non-OK ends the loading, with that. */
@@ -95,6 +96,8 @@ struct backing_ops {
 	 * it is told. ERR_NOT_FOUND. */
 	enum err (*read)(struct backing *b, const char *id, const char *etag,
 	    const struct backing_reader *reader);
+	/* Not forgotten, nor v->owner's, if it is there and not forgotten where
+	 * several write: then it stays whose it is. */
 	enum err (*put_volume)(struct backing *b,
 	    const struct backing_volume *v);
 	/* Marked as forgotten, or, is_gone, removed, if it is marked. ERR_BUSY:
@@ -133,8 +136,9 @@ struct backing_options {
 enum err backing_open_sqlite(const char *folder,
     const struct backing_options *options, struct backing **out);
 
-/* redis://[user:password@]host[:port][/database] or redis+unix:///path. Does not
- * wait for the server. ERR_INVALID: no such address. backing_redis.c */
+/* redis://[user:password@]host[:port][/database], rediss:// or redis+unix:///path:
+ * backing_redis_url.h. Does not wait for the server. ERR_INVALID: no such address,
+ * or a file of it cannot be used. backing_redis.c */
 enum err backing_open_redis(const char *url,
     const struct backing_options *options, struct backing **out);
 

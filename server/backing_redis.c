@@ -49,10 +49,33 @@ void backing_redis_token(const struct backing_redis *b, uint64_t number,
 	    number);
 }
 
+/* What is wrong with a certificate, its own or ours, of a Redis that is away
+ * already, once: no waiting mends that. */
+static void note_refusal(struct backing_redis *b, bool is_well, bool is_said,
+    const char *why)
+{
+	const bool is_one = !is_well && strncmp(why, "TLS: ", 5) == 0 &&
+	    strcasestr(why, "certificate") != NULL;
+	bool is_new;
+
+	pthread_mutex_lock(&b->lock);
+	is_new = is_one && strcmp(b->refusal, why) != 0;
+	if (is_one || is_well)
+		snprintf(b->refusal, sizeof b->refusal, "%s",
+		    is_one ? why : "");
+	pthread_mutex_unlock(&b->lock);
+	if (is_new && !is_said)
+		log_write(LOG_WARNING, "redis %s: %s", b->url.shown, why);
+}
+
 void backing_redis_note(struct backing_redis *b, bool is_well,
     const char *why)
 {
-	if (atomic_exchange(&b->is_well, is_well) == is_well)
+	const bool is_said = atomic_exchange(&b->is_well, is_well) != is_well;
+
+	if (b->url.is_tls)
+		note_refusal(b, is_well, is_said, why);
+	if (!is_said)
 		return;
 	if (is_well)
 		log_write(LOG_INFO, "redis %s can be written", b->url.shown);
@@ -529,7 +552,7 @@ static enum err read_old(struct backing *backing, const char *id,
 /* ---- volumes ---- */
 
 static redisReply *ask_for_volume(struct backing_redis *b, const char *kind,
-    const char *id, const void *data, size_t length)
+    const struct backing_volume *v)
 {
 	char key[BACKING_REDIS_KEY_MAX], token[BACKING_REDIS_TOKEN_MAX];
 	struct backing_redis_call call;
@@ -538,19 +561,20 @@ static redisReply *ask_for_volume(struct backing_redis *b, const char *kind,
 	snprintf(latest, sizeof latest, "%.0f",
 	    backing_redis_link_time(&b->link, BACKING_REDIS_ACT_SECONDS));
 	backing_redis_token(b, ++b->begun, token);
-	backing_redis_key(b, "volume:", id, key);
+	backing_redis_key(b, "volume:", v->id, key);
 	backing_redis_call_script(&call, SCRIPT_VOLUME, 4);
 	backing_redis_call_text(&call, key);
 	backing_redis_call_text(&call, b->volumes);
 	backing_redis_call_text(&call, b->changes);
 	backing_redis_call_text(&call, b->last);
 	backing_redis_call_text(&call, kind);
-	backing_redis_call_text(&call, id);
-	backing_redis_call_add(&call, data, length);
+	backing_redis_call_text(&call, v->id);
+	backing_redis_call_add(&call, v->length > 0 ? v->data : "", v->length);
 	backing_redis_call_text(&call, token);
 	backing_redis_call_text(&call, BACKING_REDIS_ENTRIES);
 	backing_redis_call_text(&call, BACKING_REDIS_GRACE);
 	backing_redis_call_text(&call, latest);
+	backing_redis_call_text(&call, v->owner != NULL ? v->owner : "");
 	return backing_redis_link_do(&b->link, &call);
 }
 
@@ -578,19 +602,19 @@ static enum err read_volume_result(struct backing_redis *b,
 }
 
 static enum err change_volume(struct backing_redis *b, const char *kind,
-    const char *id, const void *data, size_t length)
+    const struct backing_volume *v)
 {
 	enum err err = begin(b);
 	redisReply *reply;
 
 	if (err != ERR_OK)
 		return err;
-	reply = ask_for_volume(b, kind, id, data, length);
+	reply = ask_for_volume(b, kind, v);
 	/* As try_late does. */
 	if (is_word(reply, "late") &&
 	    backing_redis_link_read_clock(&b->link) == ERR_OK) {
 		freeReplyObject(reply);
-		reply = ask_for_volume(b, kind, id, data, length);
+		reply = ask_for_volume(b, kind, v);
 	}
 	if (reply == NULL)
 		note_doubts(b, &(struct sent){.number = b->begun,
@@ -607,15 +631,14 @@ static enum err change_volume(struct backing_redis *b, const char *kind,
 static enum err put_volume(struct backing *backing,
     const struct backing_volume *v)
 {
-	return change_volume((struct backing_redis *)backing, "volume", v->id,
-	    v->data, v->length);
+	return change_volume((struct backing_redis *)backing, "volume", v);
 }
 
 static enum err forget_volume(struct backing *backing, const char *id,
     bool is_gone)
 {
 	return change_volume((struct backing_redis *)backing, is_gone ? "gone" :
-	    "forget", id, "", 0);
+	    "forget", &(struct backing_volume){.id = id});
 }
 
 static enum err get_volume(struct backing *backing, const char *id,
@@ -953,11 +976,15 @@ enum err backing_open_redis(const char *url,
 {
 	struct backing_redis *b;
 	struct backing_redis_url parsed;
-	const char *why;
+	char text[BACKING_REDIS_TLS_WHY_MAX];
+	const char *why = text;
+	enum err err = backing_redis_url_parse(url, &parsed, &why);
 
-	if (backing_redis_url_parse(url, &parsed, &why) != ERR_OK) {
+	if (err == ERR_OK && parsed.is_tls)
+		err = backing_redis_tls_check(&parsed, text);
+	if (err != ERR_OK) {
 		log_write(LOG_ERROR, "--store: %s", why);
-		return ERR_INVALID;
+		return err;
 	}
 	b = calloc(1, sizeof *b);
 	if (b == NULL)

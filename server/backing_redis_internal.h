@@ -15,6 +15,7 @@
 
 #include "server/backing.h"
 #include "server/backing_redis_link.h"
+#include "server/backing_redis_tls.h"
 
 struct redisReply;
 
@@ -60,6 +61,7 @@ struct backing_redis {
 
 	atomic_bool is_well;
 	pthread_mutex_t lock;    /* guards the rest */
+	char refusal[BACKING_REDIS_TLS_WHY_MAX]; /* by TLS, the last one said */
 	pthread_cond_t changed;
 	bool is_ending;
 	enum backing_redis_state state;

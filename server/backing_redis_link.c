@@ -8,9 +8,14 @@
 
 #include <hiredis/hiredis.h>
 
+#include "server/backing_redis_tls.h"
+
 #include "server/clock.h"
 
 #define CONNECT_SECONDS 1
+
+/* Of what comes by TLS, at a time: a record is no longer. */
+#define RECORD ((size_t)16 << 10)
 
 static const struct timeval connect_time = {CONNECT_SECONDS, 0};
 static const struct timeval wait_time = {
@@ -70,6 +75,8 @@ static void note_fd(struct backing_redis_link *link, int fd)
 void backing_redis_link_close(struct backing_redis_link *link)
 {
 	note_fd(link, -1);
+	backing_redis_tls_close(link->tls);
+	link->tls = NULL;
 	if (link->context != NULL)
 		redisFree(link->context);
 	link->context = NULL;
@@ -94,16 +101,60 @@ static void lose(struct backing_redis_link *link)
 {
 	const redisContext *c = link->context;
 
-	link->is_slow = c != NULL && c->err == REDIS_ERR_IO &&
-	    (errno == EAGAIN || errno == EWOULDBLOCK || errno == ETIMEDOUT);
+	link->is_slow = c != NULL && (link->tls != NULL ||
+	    c->err == REDIS_ERR_IO) && (errno == EAGAIN || errno == EWOULDBLOCK || errno == ETIMEDOUT);
 	if (link->is_slow)
 		snprintf(link->message, sizeof link->message,
 		    "no answer in time");
 	else
 		snprintf(link->message, sizeof link->message, "%s",
-		    c != NULL ? c->errstr : "out of memory");
+		    c == NULL ? "out of memory" : link->tls != NULL &&
+		    c->err == 0 ? backing_redis_tls_why(link->tls) :
+		    c->errstr);
 	backing_redis_link_close(link);
 }
+
+/* ---- by TLS, of which this hiredis knows nothing ---- */
+
+/* As redisAppendCommandArgv and what it leaves to redisGetReply. */
+static bool send_tls(struct backing_redis_link *link,
+    struct backing_redis_call *call)
+{
+	char *text;
+	int length = redisFormatCommandArgv(&text, call->count, call->argv,
+	    call->lengths);
+	bool is_sent;
+
+	if (length < 0)
+		return false;
+	is_sent = backing_redis_tls_send(link->tls, text, (size_t)length);
+	redisFreeCommand(text);
+	return is_sent;
+}
+
+/* As redisGetReply. */
+static bool get_tls(struct backing_redis_link *link, void **reply)
+{
+	redisContext *c = link->context;
+	char bytes[RECORD];
+
+	*reply = NULL;
+	for (;;) {
+		ssize_t n;
+
+		if (redisGetReplyFromReader(c, reply) != REDIS_OK)
+			return false;
+		if (*reply != NULL)
+			return true;
+		n = backing_redis_tls_receive(link->tls, bytes, sizeof bytes);
+		if (n <= 0)
+			return false;
+		if (redisReaderFeed(c->reader, bytes, (size_t)n) != REDIS_OK)
+			return false;
+	}
+}
+
+/* ---- one command, one answer ---- */
 
 bool backing_redis_link_send(struct backing_redis_link *link,
     struct backing_redis_call *call)
@@ -112,7 +163,9 @@ bool backing_redis_link_send(struct backing_redis_link *link,
 		call->argv[1] = link->sha[call->script];
 		call->lengths[1] = strlen(call->argv[1]);
 	}
-	if (redisAppendCommandArgv(link->context, call->count, call->argv,
+	errno = 0;
+	if (link->tls != NULL ? send_tls(link, call) :
+	    redisAppendCommandArgv(link->context, call->count, call->argv,
 	    call->lengths) == REDIS_OK)
 		return true;
 	lose(link);
@@ -124,7 +177,8 @@ struct redisReply *backing_redis_link_get(struct backing_redis_link *link)
 	void *reply;
 
 	errno = 0;
-	if (redisGetReply(link->context, &reply) == REDIS_OK)
+	if (link->tls != NULL ? get_tls(link, &reply) :
+	    redisGetReply(link->context, &reply) == REDIS_OK)
 		return reply;
 	lose(link);
 	return NULL;
@@ -250,13 +304,22 @@ double backing_redis_link_time(const struct backing_redis_link *link,
 	return 1e3 * (link->offset + clock_seconds() + seconds);
 }
 
+static enum err shake_hands(struct backing_redis_link *link)
+{
+	return link->url->is_tls ? backing_redis_tls_open(link->url,
+	    link->context->fd, 1000 * CONNECT_SECONDS, &link->tls,
+	    link->message) : ERR_OK;
+}
+
 static enum err set_up(struct backing_redis_link *link)
 {
 	enum err err;
 
 	if (redisSetTimeout(link->context, connect_time) != REDIS_OK)
 		return ERR_UNAVAILABLE;
-	err = authenticate(link);
+	err = shake_hands(link);
+	if (err == ERR_OK)
+		err = authenticate(link);
 	if (err == ERR_OK)
 		err = select_database(link);
 	if (err == ERR_OK)
@@ -273,7 +336,11 @@ static enum err set_up(struct backing_redis_link *link)
 static bool is_hung_up(const struct backing_redis_link *link)
 {
 	char byte;
-	ssize_t n = recv(link->context->fd, &byte, 1, MSG_PEEK | MSG_DONTWAIT);
+	ssize_t n;
+
+	if (link->tls != NULL)
+		return backing_redis_tls_is_hung_up(link->tls);
+	n = recv(link->context->fd, &byte, 1, MSG_PEEK | MSG_DONTWAIT);
 
 	return n == 0 || (n < 0 && errno != EAGAIN && errno != EWOULDBLOCK &&
 	    errno != EINTR);

@@ -13,6 +13,7 @@
 #include "server/backing_redis_script.h"
 #include "server/backing_redis_url.h"
 
+struct backing_redis_tls;
 struct redisContext;
 struct redisReply;
 
@@ -35,6 +36,7 @@ struct backing_redis_call {
 struct backing_redis_link {
 	const struct backing_redis_url *url;
 	struct redisContext *context; /* NULL: there is none */
+	struct backing_redis_tls *tls; /* on it, or NULL */
 	pthread_mutex_t lock;    /* guards fd */
 	int fd;                  /* of it, for backing_redis_link_break; or -1 */
 	char sha[SCRIPT_COUNT][48];

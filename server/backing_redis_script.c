@@ -99,7 +99,7 @@ static const char settle[] =
 
 static const char volume[] =
 "local volume, volumes, changes, last = unpack(KEYS)\n"
-"local kind, id, data, token, entries, grace, latest = unpack(ARGV)\n"
+"local kind, id, data, token, entries, grace, latest, owner = unpack(ARGV)\n"
 "local there = redis.call('HMGET', volume, 'forgotten', 'since')\n"
 "local time = redis.call('TIME')\n"
 "local now = time[1] * 1000 + math.floor(time[2] / 1000)\n"
@@ -115,7 +115,11 @@ static const char volume[] =
 "    'kind', kind, 'id', id, 'etag', '', 'token', token, 'prev', prev)\n"
 "redis.call('SET', last, seq)\n"
 "if kind == 'volume' then\n"
-"	redis.call('HSET', volume, 'data', data, 'forgotten', 0)\n"
+"	if there[1] == '0' then\n"
+"		owner = redis.call('HGET', volume, 'owner') or ''\n"
+"	end\n"
+"	redis.call('HSET', volume, 'data', data, 'forgotten', 0,\n"
+"	    'owner', owner)\n"
 "	redis.call('SADD', volumes, id)\n"
 "elseif kind == 'forget' then\n"
 "	redis.call('HSET', volume, 'forgotten', 1, 'since', now)\n"

@@ -128,6 +128,7 @@ struct redisReply *backing_redis_fetch_volume(struct backing_redis *b,
 	backing_redis_call_text(&call, key);
 	backing_redis_call_text(&call, "data");
 	backing_redis_call_text(&call, "forgotten");
+	backing_redis_call_text(&call, "owner");
 	return backing_redis_link_do(link, &call);
 }
 
@@ -143,5 +144,8 @@ enum err backing_redis_tell_volume(const struct redisReply *reply,
 	v.data = reply->element[0]->str;
 	v.length = (size_t)reply->element[0]->len;
 	v.is_forgotten = reply->element[1]->str[0] == '1';
+	/* Kept by daemons that knew of no owners, it has none. */
+	v.owner = backing_redis_has_strings(reply, 3) ?
+	    reply->element[2]->str : "";
 	return reader->volume(reader->ctx, &v);
 }

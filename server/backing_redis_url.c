@@ -86,8 +86,46 @@ static bool read_prefix(const char *text, size_t length,
 	return true;
 }
 
+/* NAME=FILE of a query, length characters, if that is what it is; *why: it is, but
+ * cannot be read. */
+static bool read_file(const char *at, size_t length,
+    struct backing_redis_url *url, const char **why)
+{
+	const struct {
+		const char *name;
+		char *out;
+		size_t size;
+	} files[] = {
+		{"ca=", url->ca, sizeof url->ca},
+		{"cert=", url->cert, sizeof url->cert},
+		{"key=", url->key, sizeof url->key},
+	};
+
+	for (size_t i = 0; url->is_tls && i < sizeof files / sizeof *files;
+	    i++) {
+		const size_t n = strlen(files[i].name);
+
+		if (strncmp(at, files[i].name, n) != 0)
+			continue;
+		if (length == n || !copy_escaped(files[i].out, files[i].size,
+		    at + n, length - n))
+			*why = "a file's name is empty, too long, or has a % "
+			    "that is not %XX";
+		return true;
+	}
+	return false;
+}
+
+static const char *check_files(const struct backing_redis_url *url)
+{
+	return (url->cert[0] != '\0') == (url->key[0] != '\0') ? NULL :
+	    "of cert= and key= there are both, or none";
+}
+
 static const char *read_query(const char *at, struct backing_redis_url *url)
 {
+	const char *why = NULL;
+
 	while (*at != '\0') {
 		size_t length = strcspn(at, "&");
 
@@ -99,13 +137,17 @@ static const char *read_query(const char *at, struct backing_redis_url *url)
 			if (!read_number(at + 9, length - 9, LAST_DATABASE,
 			    &url->database))
 				return "database is a whole number";
-		} else {
-			return "of a query only prefix= and database= are "
-			    "known";
+		} else if (!read_file(at, length, url, &why)) {
+			return url->is_tls ? "of a query only prefix=, "
+			    "database=, ca=, cert= and key= are known" :
+			    "of a query only prefix= and database= are known "
+			    "(and of rediss:// ca=, cert= and key=)";
 		}
+		if (why != NULL)
+			return why;
 		at += length + (at[length] == '&');
 	}
-	return NULL;
+	return check_files(url);
 }
 
 /* user:password, length characters. */
@@ -191,12 +233,13 @@ static const char *read_path(const char *at, struct backing_redis_url *url)
 static const char *parse(const char *text, struct backing_redis_url *url)
 {
 	bool is_path = strncmp(text, "redis+unix://", 13) == 0;
-	const char *at = text + (is_path ? 13 : 8), *end, *why;
+	const char *at = strstr(text, "://"), *end, *why;
 
-	if (strncmp(text, "rediss://", 9) == 0)
-		return "TLS to Redis is not built in: have a tunnel end here";
-	if (!is_path && strncmp(text, "redis://", 8) != 0)
-		return "it begins neither with redis:// nor redis+unix://";
+	url->is_tls = strncmp(text, "rediss://", 9) == 0;
+	if (!is_path && !url->is_tls && strncmp(text, "redis://", 8) != 0)
+		return "it begins neither with redis:// nor rediss:// nor "
+		    "redis+unix://";
+	at += 3;
 	end = at + strcspn(at, "/?");
 	while (end > at && *end != '@')
 		end--;

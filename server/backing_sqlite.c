@@ -59,10 +59,10 @@ static const char *const sql[QUERY_COUNT] = {
 	[CUT] = "DELETE FROM revision WHERE scene = ?1 AND seq <= ?2",
 	[SET_BYTES] = "UPDATE scene SET bytes = ?2 WHERE id = ?1",
 	[DELETE_SCENE] = "DELETE FROM scene WHERE id = ?1",
-	[MARK_VOLUME] = "UPDATE volume SET is_forgotten = ?3"
+	[MARK_VOLUME] = "UPDATE volume SET is_forgotten = ?3, owner = ?4"
 	    " WHERE id = ?1 AND length = ?2",
-	[PUT_VOLUME] = "INSERT INTO volume (id, length, is_forgotten)"
-	    " VALUES (?1, ?2, ?3)",
+	[PUT_VOLUME] = "INSERT INTO volume (id, length, is_forgotten,"
+	    " owner) VALUES (?1, ?2, ?3, ?4)",
 	[PUT_PIECE] = "INSERT INTO volume_piece (volume, number, data)"
 	    " VALUES (?1, ?2, ?3)",
 	[FORGET_VOLUME] = "UPDATE volume SET is_forgotten = 1 WHERE id = ?1",
@@ -742,6 +742,7 @@ static enum err load_volume(struct backing_sqlite *s, sqlite3_stmt *q,
 		.id = (const char *)sqlite3_column_text(q, 0),
 		.length = (size_t)sqlite3_column_int64(q, 1),
 		.is_forgotten = sqlite3_column_int(q, 2) != 0,
+		.owner = (const char *)sqlite3_column_text(q, 4),
 	};
 	bool is_refused;
 	char *data;
@@ -751,7 +752,7 @@ static enum err load_volume(struct backing_sqlite *s, sqlite3_stmt *q,
 	    sqlite3_column_int64(q, 3))
 		return refuse(s, "volume", v.id);
 	data = malloc(v.length + 1);
-	if (v.id == NULL || data == NULL) {
+	if (v.id == NULL || v.owner == NULL || data == NULL) {
 		free(data);
 		return ERR_MEMORY;
 	}
@@ -772,7 +773,8 @@ static enum err load_volumes(struct backing_sqlite *s,
 	enum err err = ERR_OK;
 	int code = sqlite3_prepare_v2(s->file.db,
 	    "SELECT id, length, is_forgotten, (SELECT coalesce(sum(length("
-	    "data)), 0) FROM volume_piece WHERE volume = id) FROM volume", -1,
+	    "data)), 0) FROM volume_piece WHERE volume = id), owner FROM "
+	    "volume", -1,
 	    &q, NULL);
 
 	if (code != SQLITE_OK)
@@ -924,6 +926,7 @@ static int run_for(struct backing_sqlite *s, enum query which,
 		bind_text(q, 1, v->id);
 		sqlite3_bind_int64(q, 2, (sqlite3_int64)v->length);
 		sqlite3_bind_int(q, 3, v->is_forgotten);
+		bind_text(q, 4, v->owner != NULL ? v->owner : "");
 	}
 	return finish(s, q);
 }

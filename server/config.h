@@ -35,6 +35,7 @@ struct config {
 	size_t max_listeners;     /* to scenes' events */
 	char tokens[CONFIG_PATH_MAX];   /* file; "": everybody may everything */
 	char cors[CONFIG_ORIGINS_MAX];  /* origins, by commas; "*": any; or "" */
+	char hosts[CONFIG_ORIGINS_MAX]; /* names, by commas; "*": any; or "" */
 	bool insecure;            /* a public address without tokens */
 	char tls_cert[CONFIG_PATH_MAX], tls_key[CONFIG_PATH_MAX]; /* or "" */
 	size_t max_connections, max_connections_per_address;

@@ -80,6 +80,9 @@ const struct config_option config_options[] = {
 	    .help = "make a token for that file and exit"},
 	{"insecure", NULL, SWITCH(insecure, true),
 	    .help = "serve a public address without tokens"},
+	{"hosts", "NAMES", TEXT(hosts),
+	    .help = "names that it may be asked by, by commas; or * (without "
+	    "tokens: localhost)"},
 	{"cors-origin", "ORIGINS", TEXT(cors),
 	    .help = "web pages' origins that may ask, by commas; or *"},
 	{"tls-cert", "FILE", TEXT(tls_cert),

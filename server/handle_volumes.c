@@ -53,6 +53,8 @@ static cJSON *describe(const struct volume_entry *entry)
 	if (entry->is_distance)
 		cJSON_AddNumberToObject(json, "max_falloff",
 		    fmax(entry->least_edge, 0.0));
+	if (entry->owner[0] != '\0')
+		cJSON_AddStringToObject(json, "owner", entry->owner);
 	return json;
 }
 
@@ -66,10 +68,20 @@ static void reply_kept(struct exchange *x, const struct volume_entry *entry,
 	exchange_add_header(x, "Location", location);
 }
 
-static void reply_full(struct exchange *x, size_t need)
+static void reply_full(struct exchange *x, size_t need, bool is_owners)
 {
 	struct volume_store_stats stats;
 
+	if (is_owners) {
+		exchange_reply_problem(x, PROBLEM_STORE_FULL, NULL,
+		    "The token '%s' may have %zu bytes of volumes (volume_bytes) "
+		    "and has %zu, deleted ones that scenes still use included; "
+		    "this one needs %zu. Delete some, and the scenes that use "
+		    "them.", access_owner(x), access_volume_bytes_most(x),
+		    volume_store_bytes_of(x->server->volumes, access_owner(x)),
+		    need);
+		return;
+	}
 	volume_store_get_stats(x->server->volumes, &stats);
 	exchange_reply_problem(x, PROBLEM_STORE_FULL, NULL,
 	    "Volumes, deleted ones that scenes still use included, take %zu "
@@ -237,6 +249,7 @@ static void submit(struct exchange *x, struct waiting *w,
 {
 	w->x = x;
 	w->volume.id = w->entry.id;
+	w->volume.owner = w->entry.owner;
 	w->change.kind = kind;
 	w->change.volume = &w->volume;
 	w->change.done = on_done;
@@ -258,7 +271,7 @@ static struct waiting *make_waiting(struct exchange *x)
 
 /* grid's samples go to the bytes that are to be kept, and are read there. */
 static enum err encode(struct waiting *w, const struct wanted *wanted,
-    struct grid *grid)
+    struct grid *grid, struct volume_payer *payer)
 {
 	struct vec3 min = vec3(wanted->min[0], wanted->min[1], wanted->min[2]);
 	struct vec3 max = vec3(wanted->max[0], wanted->max[1], wanted->max[2]);
@@ -272,12 +285,14 @@ static enum err encode(struct waiting *w, const struct wanted *wanted,
 	w->volume.data = w->data;
 	kept.samples = volume_store_samples(w->data);
 	return volume_store_add(w->x->server->volumes, &kept, min, max,
-	    wanted->is_distance, &w->entry, &w->is_new);
+	    wanted->is_distance, payer, &w->entry, &w->is_new);
 }
 
 static void keep(struct exchange *x, const struct wanted *wanted,
     struct grid *grid)
 {
+	struct volume_payer payer = {.owner = access_owner(x),
+	    .bytes_most = access_volume_bytes_most(x)};
 	struct waiting *w = make_waiting(x);
 	size_t need = volume_store_need(grid);
 	enum err err;
@@ -285,14 +300,14 @@ static void keep(struct exchange *x, const struct wanted *wanted,
 	if (w == NULL)
 		return;
 	w->x = x;
-	err = encode(w, wanted, grid);
+	err = encode(w, wanted, grid, &payer);
 	if (err == ERR_OK) {
 		submit(x, w, VOLUME_KEEP);
 		return;
 	}
 	free_waiting(w, x->server);
 	if (err == ERR_LIMIT)
-		reply_full(x, need);
+		reply_full(x, need, payer.is_owners);
 	else
 		exchange_reply_problem(x, problem_from_err(err), NULL,
 		    "The volume could not be kept: %s.", err_message(err));

@@ -23,6 +23,7 @@
 #include "server/exchange.h"
 #include "server/framing.h"
 #include "server/handlers.h"
+#include "server/host.h"
 #include "server/http_accept.h"
 #include "server/http_internal.h"
 #include "server/json_memory.h"
@@ -250,6 +251,8 @@ static bool check_target(struct exchange *x, const char *path)
 	}
 	outcome = x->path_has_nul ? ROUTE_NO_PATH : route_find(x->method,
 	    path, &x->route, x->id, sizeof x->id, allow);
+	if (!host_check(x, path))
+		return false;
 	switch (outcome) {
 	case ROUTE_FOUND:
 		return check_query(x);

@@ -17,6 +17,7 @@ static const struct problem_kind kinds[PROBLEM_COUNT] = {
 	[PROBLEM_URI_TOO_LONG] = {414, "uri-too-long", "URI too long", 0},
 	[PROBLEM_MEDIA_TYPE] = {415, "unsupported-media-type",
 	    "Unsupported media type", 0},
+	[PROBLEM_MISDIRECTED] = {421, "misdirected", "Misdirected request", 0},
 	[PROBLEM_INVALID] = {422, "invalid", "Invalid content", 0},
 	[PROBLEM_LIMIT] = {422, "limit", "Limit exceeded", 0},
 	[PROBLEM_WORK_TIME] = {422, "work-time", "Too much work", 0},

@@ -41,6 +41,8 @@ static const char *const steps[] = {
 	"ALTER TABLE scene ADD COLUMN bytes INTEGER NOT NULL DEFAULT 0;"
 	"UPDATE scene SET bytes = (SELECT coalesce(sum(length(text)), 0)"
 	" FROM revision WHERE scene = scene.id);",
+
+	"ALTER TABLE volume ADD COLUMN owner TEXT NOT NULL DEFAULT '';",
 };
 
 #define VERSION ((int)(sizeof steps / sizeof steps[0]))

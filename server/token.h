@@ -4,7 +4,8 @@
  *	{"tokens": [
  *	  {"name": "ci", "role": "write", "sha256": "<64 hex digits>",
  *	   "limits": {"requests_per_second": 50, "points_per_second": 1e6,
- *	              "bytes_per_second": 1e7, "scenes": 100}},
+ *	              "bytes_per_second": 1e7, "scenes": 100,
+ *	              "volume_bytes": 1e8}},
  *	  {"name": "anonymous", "role": "read"}]}
  *
  * sha256 is that of the secret (FIPS 180-4); secrets themselves are nowhere.
@@ -60,6 +61,7 @@ struct token {
 	uint8_t hash[TOKEN_HASH_BYTES];
 	double rates[TOKEN_RATE_COUNT]; /* 0: any */
 	size_t scenes;                  /* SIZE_MAX: any */
+	size_t volume_bytes;            /* the same */
 	struct token_use *use;
 	const struct token *base;       /* of a guest: the entry "anonymous",
 	                                 * whose use is that of all; or NULL */

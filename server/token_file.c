@@ -16,10 +16,11 @@
 #include "proto/json.h"
 #include "server/clock.h"
 
-/* An entry has 11 values with its limits. */
+/* An entry has 12 values with its limits. */
 #define VALUES_MAX (TOKENS_MAX * 16 + 16)
 #define RATE_MAX 1e15
 #define SCENES_MAX 1e9
+#define VOLUME_BYTES_MAX 1e15
 
 /* A file being read. */
 struct reading {
@@ -146,29 +147,30 @@ static void read_rate(struct reading *r, const struct json_place *parent,
 		    "most %g", RATE_MAX);
 }
 
-static void read_scenes(struct reading *r, const struct json_place *parent,
-    const cJSON *limits, struct token *token)
+/* What there may be so much of, not a second. */
+static void read_count(struct reading *r, const struct json_place *parent,
+    const cJSON *limits, const char *name, double most, size_t *out)
 {
-	const struct json_place at = json_member(parent, "scenes");
-	const cJSON *value = cJSON_GetObjectItemCaseSensitive(limits,
-	    "scenes");
+	const struct json_place at = json_member(parent, name);
+	const cJSON *value = cJSON_GetObjectItemCaseSensitive(limits, name);
 
 	if (value == NULL)
 		return;
 	if (cJSON_IsNumber(value) && value->valuedouble >= 0.0 &&
-	    value->valuedouble <= SCENES_MAX &&
+	    value->valuedouble <= most &&
 	    value->valuedouble == floor(value->valuedouble))
-		token->scenes = (size_t)value->valuedouble;
+		*out = (size_t)value->valuedouble;
 	else
 		json_fault(r->faults, &at, "must be a whole number of 0 to %g",
-		    SCENES_MAX);
+		    most);
 }
 
 static void read_limits(struct reading *r, const struct json_place *parent,
     const cJSON *value, struct token *token)
 {
 	static const char *const names[] = {"requests_per_second",
-	    "points_per_second", "bytes_per_second", "scenes"};
+	    "points_per_second", "bytes_per_second", "scenes",
+	    "volume_bytes"};
 	const struct json_place at = json_member(parent, "limits");
 
 	if (value == NULL)
@@ -181,7 +183,9 @@ static void read_limits(struct reading *r, const struct json_place *parent,
 	check_names(r, &at, value, names, sizeof names / sizeof *names);
 	for (int i = 0; i < TOKEN_RATE_COUNT; i++)
 		read_rate(r, &at, value, (enum token_rate)i, token);
-	read_scenes(r, &at, value, token);
+	read_count(r, &at, value, "scenes", SCENES_MAX, &token->scenes);
+	read_count(r, &at, value, "volume_bytes", VOLUME_BYTES_MAX,
+	    &token->volume_bytes);
 }
 
 /* ---- entries ---- */
@@ -192,7 +196,8 @@ static void read_entry(struct reading *r, const struct json_place *at,
 	static const char *const names[] = {"name", "role", "sha256",
 	    "limits"};
 
-	*token = (struct token){.table = r->table, .scenes = SIZE_MAX};
+	*token = (struct token){.table = r->table, .scenes = SIZE_MAX,
+	    .volume_bytes = SIZE_MAX};
 	if (!cJSON_IsObject(value)) {
 		json_fault(r->faults, at, "must be an object, not %s",
 		    json_kind(value));

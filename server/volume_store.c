@@ -3,6 +3,7 @@
 #include <assert.h>
 #include <pthread.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -17,6 +18,8 @@ struct stored {
 	struct volume_entry entry;
 	bool is_shown;         /* to new documents */
 	unsigned arriving;     /* uploads of it that are not settled */
+	/* Of one that arrives: whose it was before. */
+	char before[TOKEN_NAME_MAX + 1];
 };
 
 /* Neither shown nor arriving: forgotten, and in use, when last looked at. */
@@ -139,7 +142,53 @@ static enum err insert(struct volume_store *store, struct volume *volume,
 	    (store->count - at) * sizeof *store->list);
 	*out = store->list + at;
 	**out = (struct stored){.volume = volume, .entry = *entry};
+	strcpy((*out)->before, entry->owner);
 	store->count++;
+	return ERR_OK;
+}
+
+/* ---- who pays ---- */
+
+static size_t bytes_of(const struct volume_store *store, const char *owner)
+{
+	size_t bytes = 0;
+
+	for (size_t i = 0; i < store->count; i++)
+		if (strcmp(store->list[i].entry.owner, owner) == 0)
+			bytes += store->list[i].entry.bytes;
+	return bytes;
+}
+
+/* Whether payer may have so many bytes more. */
+static enum err check_payer(const struct volume_store *store,
+    struct volume_payer *payer, size_t bytes)
+{
+	size_t has;
+
+	if (payer->bytes_most == SIZE_MAX)
+		return ERR_OK;
+	has = bytes_of(store, payer->owner);
+	payer->is_owners = has > payer->bytes_most ||
+	    bytes > payer->bytes_most - has;
+	return payer->is_owners ? ERR_LIMIT : ERR_OK;
+}
+
+static void set_owner(struct volume_entry *entry, const char *owner)
+{
+	snprintf(entry->owner, sizeof entry->owner, "%s", owner);
+}
+
+/* s, which was forgotten, is payer's from now on, unless that fails. */
+static enum err take_over(struct volume_store *store, struct stored *s,
+    struct volume_payer *payer)
+{
+	/* What is payer's own already is not to be paid twice. */
+	const bool is_own = strcmp(s->entry.owner, payer->owner) == 0;
+	enum err err = check_payer(store, payer, is_own ? 0 : s->entry.bytes);
+
+	if (err != ERR_OK)
+		return err;
+	set_owner(&s->entry, payer->owner);
 	return ERR_OK;
 }
 
@@ -214,40 +263,60 @@ size_t volume_store_need(const struct grid *grid)
 	    grid->count[2] * sizeof(float);
 }
 
+/* s arrives once more: *entry is as it is. */
+static enum err arrive_again(struct volume_store *store, struct stored *s,
+    struct volume_payer *payer, struct volume_entry *entry, bool *is_new)
+{
+	enum err err = ERR_OK;
+
+	if (s->arriving == 0)
+		strcpy(s->before, s->entry.owner);
+	if (s->arriving == 0 && !s->is_shown)
+		err = take_over(store, s, payer);
+	if (err != ERR_OK)
+		return err;
+	*is_new = !s->is_shown;
+	s->arriving++;
+	*entry = s->entry;
+	return ERR_OK;
+}
+
 /*
  * Whether the volume of that id is there, also if it was forgotten; then it
  * arrives once more. Else memory for it is set aside.
  */
 static enum err reserve(struct volume_store *store,
-    struct volume_entry *entry, bool *there, bool *is_new)
+    struct volume_payer *payer, struct volume_entry *entry, bool *there,
+    bool *is_new)
 {
 	struct stored *s;
-	enum err err = ERR_OK;
+	enum err err;
 
 	pthread_mutex_lock(&store->lock);
 	sweep(store);
 	s = find(store, entry->id, true);
 	*there = s != NULL;
-	if (s != NULL) {
-		*is_new = !s->is_shown;
-		s->arriving++;
-		*entry = s->entry;
-	} else if (store->count == VOLUME_STORE_MAX ||
+	if (s != NULL)
+		err = arrive_again(store, s, payer, entry, is_new);
+	else if (store->count == VOLUME_STORE_MAX ||
 	    entry->bytes > store->bytes_most ||
-	    store->bytes > store->bytes_most - entry->bytes) {
+	    store->bytes > store->bytes_most - entry->bytes)
 		err = ERR_LIMIT;
-	} else {
+	else
+		err = check_payer(store, payer, entry->bytes);
+	if (s == NULL && err == ERR_OK)
 		store->bytes += entry->bytes;
-	}
 	pthread_mutex_unlock(&store->lock);
 	return err;
 }
 
 /* Puts volume, of which it takes the reference, where memory was set aside;
- * or finds that somebody else has done the same meanwhile. */
+ * or finds that somebody else has done the same meanwhile, or that payer has got
+ * others since. payer NULL: whoever it is may. */
 static enum err put(struct volume_store *store, struct volume *volume,
-    const struct volume_entry *entry, bool *is_new)
+    struct volume_payer *payer, struct volume_entry *entry, bool *is_new)
 {
+	const size_t bytes = entry->bytes;
 	struct stored *s;
 	enum err err = ERR_OK;
 	bool was_there;
@@ -255,14 +324,17 @@ static enum err put(struct volume_store *store, struct volume *volume,
 	pthread_mutex_lock(&store->lock);
 	s = find(store, entry->id, true);
 	was_there = s != NULL;
-	if (!was_there)
+	if (!was_there && payer != NULL)
+		err = check_payer(store, payer, bytes);
+	if (!was_there && err == ERR_OK)
 		err = insert(store, volume, entry, &s);
 	if (err == ERR_OK) {
 		*is_new = !s->is_shown;
 		s->arriving++;
+		set_owner(entry, s->entry.owner);
 	}
 	if (was_there || err != ERR_OK) {
-		store->bytes -= entry->bytes;
+		store->bytes -= bytes;
 		volume_release(volume);
 	}
 	pthread_mutex_unlock(&store->lock);
@@ -278,7 +350,7 @@ static void give_back(struct volume_store *store, size_t bytes)
 
 enum err volume_store_add(struct volume_store *store, const struct grid *grid,
     struct vec3 min, struct vec3 max, bool is_distance,
-    struct volume_entry *out, bool *is_new)
+    struct volume_payer *payer, struct volume_entry *out, bool *is_new)
 {
 	struct volume_entry entry = {.min = min, .max = max,
 		.is_distance = is_distance, .bytes = volume_store_need(grid)};
@@ -289,13 +361,15 @@ enum err volume_store_add(struct volume_store *store, const struct grid *grid,
 	memcpy(entry.count, grid->count, sizeof entry.count);
 	make_id(grid, &entry);
 	find_extent(grid, &entry);
-	err = reserve(store, &entry, &there, is_new);
+	set_owner(&entry, payer->owner);
+	payer->is_owners = false;
+	err = reserve(store, payer, &entry, &there, is_new);
 	if (err == ERR_OK && !there) {
 		err = volume_create(grid->samples, grid->count, min, max,
 		    is_distance, &volume);
 		if (err == ERR_OK) {
 			entry.least_edge = volume->least_edge;
-			err = put(store, volume, &entry, is_new);
+			err = put(store, volume, payer, &entry, is_new);
 		} else {
 			give_back(store, entry.bytes);
 		}
@@ -315,6 +389,9 @@ void volume_store_settle(struct volume_store *store, const char *id,
 	if (s != NULL) {
 		s->arriving--;
 		s->is_shown |= is_kept;
+		/* It could not be kept: it is whose it was. */
+		if (!s->is_shown && s->arriving == 0)
+			set_owner(&s->entry, s->before);
 		sweep(store);
 	}
 	pthread_mutex_unlock(&store->lock);
@@ -412,6 +489,8 @@ static bool mark(struct volume_store *store, const struct backing_volume *v)
 	s = find(store, v->id, true);
 	if (s != NULL)
 		s->is_shown = !v->is_forgotten;
+	if (s != NULL && v->owner != NULL)
+		set_owner(&s->entry, v->owner);
 	pthread_mutex_unlock(&store->lock);
 	return s != NULL;
 }
@@ -435,6 +514,7 @@ static enum err load_grid(struct volume_store *store,
 	if (strcmp(entry.id, v->id) != 0)
 		return ERR_INVALID;
 	find_extent(grid, &entry);
+	set_owner(&entry, v->owner != NULL ? v->owner : "");
 	err = volume_create(grid->samples, grid->count, entry.min, entry.max,
 	    entry.is_distance, &volume);
 	if (err != ERR_OK)
@@ -443,7 +523,7 @@ static enum err load_grid(struct volume_store *store,
 	pthread_mutex_lock(&store->lock);
 	store->bytes += entry.bytes;
 	pthread_mutex_unlock(&store->lock);
-	err = put(store, volume, &entry, &is_new);
+	err = put(store, volume, NULL, &entry, &is_new);
 	if (err != ERR_OK)
 		return err;
 	pthread_mutex_lock(&store->lock);
@@ -568,6 +648,17 @@ void volume_store_get_stats(struct volume_store *store,
 		out->count += store->list[i].is_shown;
 	out->bytes = store->bytes;
 	pthread_mutex_unlock(&store->lock);
+}
+
+size_t volume_store_bytes_of(struct volume_store *store, const char *owner)
+{
+	size_t bytes;
+
+	pthread_mutex_lock(&store->lock);
+	sweep(store);
+	bytes = bytes_of(store, owner);
+	pthread_mutex_unlock(&store->lock);
+	return bytes;
 }
 
 static struct volume *hold(struct volume_store *store, const char *id,

@@ -5,6 +5,11 @@
  * A volume's id is made of its content, so the same upload is the same volume.
  * One that has been forgotten stays, out of sight of new documents, while
  * scenes use it; what is still in use counts in the memory that volumes take.
+ *
+ * A volume is the token's that has uploaded it first, until it has gone, or was
+ * forgotten and somebody has uploaded it anew: then it is that one's. It counts
+ * in its owner's bytes as long as it takes memory, also while it is forgotten and
+ * scenes use it; who else uploads the same pays nothing.
  */
 #ifndef SERVER_VOLUME_STORE_H
 #define SERVER_VOLUME_STORE_H
@@ -14,6 +19,7 @@
 
 #include "core/err.h"
 #include "core/vec3.h"
+#include "server/access.h"
 
 struct backing_volume;
 struct grid;
@@ -34,6 +40,14 @@ struct volume_entry {
 	size_t bytes;        /* of memory */
 	float least, most;   /* of its samples */
 	double least_edge;   /* struct volume's */
+	char owner[TOKEN_NAME_MAX + 1]; /* a token's name, or "" */
+};
+
+/* Who uploads a volume. */
+struct volume_payer {
+	const char *owner;   /* a token's name, or "" */
+	size_t bytes_most;   /* of all that are that owner's; SIZE_MAX: any */
+	bool is_owners;      /* set: it is these that ERR_LIMIT is about */
 };
 
 /* What alive volumes come to; count: but for those forgotten. */
@@ -51,11 +65,11 @@ void volume_store_free(struct volume_store *store);
  * The volume of that grid, which is only read, over the box from min to max;
  * made unless it is there, which *is_new tells. It arrives: documents see it from
  * volume_store_settle on, which is to follow. ERR_LIMIT: too many bytes, or
- * volumes; ERR_MEMORY.
+ * volumes, or too many bytes of payer's; ERR_MEMORY.
  */
 enum err volume_store_add(struct volume_store *store, const struct grid *grid,
     struct vec3 min, struct vec3 max, bool is_distance,
-    struct volume_entry *out, bool *is_new);
+    struct volume_payer *payer, struct volume_entry *out, bool *is_new);
 
 /* One that arrives is kept, and documents may name it; or it is not, and goes,
  * unless it was there. */
@@ -75,7 +89,7 @@ float *volume_store_samples(void *data);
 
 /*
  * Puts in what is kept, also beyond the bytes that there may be; one that is there
- * takes v's is_forgotten. ERR_INVALID: it is not what its id says; ERR_LIMIT: too
+ * takes v's is_forgotten and owner. ERR_INVALID: it is not what its id says; ERR_LIMIT: too
  * many volumes; ERR_MEMORY.
  */
 enum err volume_store_load(struct volume_store *store,
@@ -106,6 +120,9 @@ enum err volume_store_list(struct volume_store *store,
 
 void volume_store_get_stats(struct volume_store *store,
     struct volume_store_stats *out);
+
+/* The memory that owner's volumes take. */
+size_t volume_store_bytes_of(struct volume_store *store, const char *owner);
 
 /* For documents (struct document_limits): the volume of that id, for
  * volume_release, or NULL. */

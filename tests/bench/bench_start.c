@@ -159,7 +159,7 @@ static int read_port(int fd)
 static bool is_ready(int port)
 {
 	static const char request[] =
-	    "GET /readyz HTTP/1.1\r\nHost: bench\r\nConnection: close\r\n\r\n";
+	    "GET /readyz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
 	static const char wanted[] = "HTTP/1.1 200";
 	struct sockaddr_in to = {.sin_family = AF_INET,
 		.sin_port = htons((uint16_t)port),

@@ -105,7 +105,8 @@ static void configure(char *path)
 	    "--scene-memory", "4M", "--volume-memory", "1M", "--table-memory",
 	    "16M", "--history", "4", "--max-listeners", "4", "--queue", "8",
 	    "--log-level", "debug", "--log-format", "json", "--cors-origin",
-	    "http://localhost:3000,null", "--tokens", path};
+	    "http://localhost:3000,null", "--hosts", "x,ation", "--tokens",
+	    path};
 
 	demand(config_parse(sizeof flags / sizeof *flags, flags, &config) ==
 	    CONFIG_RUN);

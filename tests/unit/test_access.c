@@ -7,6 +7,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -167,6 +168,34 @@ static void test_bucket_clock_that_goes_back_gives_nothing(void **state)
 	assert_near(bucket_wait(&b, 5.5), 0.5, 1e-12);
 }
 
+/* Rates as a file may have them, and a clock that stands, or leaps by 30 years. */
+static void test_bucket_extremes_stay_finite(void **state)
+{
+	static const double rates[] = {5e-324, 1e-300, 1e-9, 1.0, 1e15};
+	static const double times[] = {0.0, 0.0, 1e-9, 1e9, 1e9};
+
+	(void)state;
+	for (size_t i = 0; i < sizeof rates / sizeof *rates; i++) {
+		struct bucket b = {0};
+
+		bucket_set_rate(&b, rates[i], 0.0);
+		for (size_t k = 0; k < sizeof times / sizeof *times; k++) {
+			double wait = bucket_wait(&b, times[k]);
+
+			assert_true(wait >= 0.0 && !isnan(wait));
+			bucket_take(&b, 1e300, times[k]);
+			assert_true(isfinite(b.level));
+			assert_true(bucket_wait(&b, times[k]) > 0.0);
+			/* A minute's, or one, is what is waited for. */
+			assert_true(bucket_wait(&b, times[k]) <=
+			    fmax(60.0, 1.0 / rates[i]) * (1.0 + 1e-12));
+		}
+		/* After a leap there is a second's, not a year's. */
+		bucket_wait(&b, 2e9);
+		assert_true(b.level <= fmax(rates[i], 1.0));
+	}
+}
+
 static void test_bucket_average_is_the_rate(void **state)
 {
 	struct bucket b = {0};
@@ -197,8 +226,8 @@ static void test_file_is_read(void **state)
 	    "{\"name\": \"a.b-c_1\", \"role\": \"admin\", \"sha256\": \"" ABC
 	    "\", \"limits\": {\"requests_per_second\": 0.5, "
 	    "\"points_per_second\": 1e6, \"bytes_per_second\": 7, "
-	    "\"scenes\": 0}}, {\"name\": \"anonymous\", \"role\": \"read\"}"),
-	    NULL);
+	    "\"scenes\": 0, \"volume_bytes\": 1e15}}, {\"name\": "
+	    "\"anonymous\", \"role\": \"read\"}"), NULL);
 
 	(void)state;
 	assert_int_equal(t->count, 2);
@@ -208,9 +237,11 @@ static void test_file_is_read(void **state)
 	assert_near(t->tokens[0].rates[TOKEN_POINTS], 1e6, 0.0);
 	assert_near(t->tokens[0].rates[TOKEN_BYTES], 7.0, 0.0);
 	assert_int_equal(t->tokens[0].scenes, 0);
+	assert_true(t->tokens[0].volume_bytes == 1000000000000000);
 	assert_ptr_equal(t->anonymous, &t->tokens[1]);
 	assert_int_equal(t->anonymous->role, ROLE_READ);
 	assert_true(t->anonymous->scenes == SIZE_MAX);
+	assert_true(t->anonymous->volume_bytes == SIZE_MAX);
 	token_table_release(t);
 }
 
@@ -274,6 +305,12 @@ static void test_file_faults_have_places(void **state)
 		{FILE_OF("{\"name\": \"a\", \"role\": \"read\", \"sha256\": \""
 		    ABC "\", \"limits\": {\"scenes\": 1.5}}"), ERR_INVALID,
 		    "/tokens/0/limits/scenes", "whole"},
+		{FILE_OF("{\"name\": \"a\", \"role\": \"read\", \"sha256\": \""
+		    ABC "\", \"limits\": {\"volume_bytes\": -1}}"),
+		    ERR_INVALID, "/tokens/0/limits/volume_bytes", "whole"},
+		{FILE_OF("{\"name\": \"a\", \"role\": \"read\", \"sha256\": \""
+		    ABC "\", \"limits\": {\"volume_bytes\": 2e15}}"),
+		    ERR_INVALID, "/tokens/0/limits/volume_bytes", "1e+15"},
 		{FILE_OF(CI ", {\"name\": \"ci\", \"role\": \"read\", "
 		    "\"sha256\": \"" NOTHING "\"}"), ERR_INVALID,
 		    "/tokens/1", "the name of entry 0"},
@@ -537,6 +574,7 @@ int main(void)
 		cmocka_unit_test(test_bucket_of_an_hour_and_a_half_keeps_to_it),
 		cmocka_unit_test(test_bucket_says_what_is_beyond_it),
 		cmocka_unit_test(test_bucket_clock_that_goes_back_gives_nothing),
+		cmocka_unit_test(test_bucket_extremes_stay_finite),
 		cmocka_unit_test(test_bucket_average_is_the_rate),
 		cmocka_unit_test(test_file_is_read),
 		cmocka_unit_test(test_file_without_entries_lets_nobody_in),

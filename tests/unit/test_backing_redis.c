@@ -81,6 +81,8 @@ static enum err on_volume(void *ctx, const struct backing_volume *v)
 	*t = (struct told){.is_volume = true, .is_forgotten = v->is_forgotten,
 	    .length = v->length};
 	snprintf(t->id, sizeof t->id, "%s", v->id);
+	if (v->owner != NULL)
+		snprintf(t->owner, sizeof t->owner, "%s", v->owner);
 	if (v->data != NULL)
 		memcpy(t->text, v->data, v->length);
 	pthread_mutex_unlock(&d->lock);
@@ -308,6 +310,28 @@ static void test_redis_url_forms(void **state)
 	assert_int_equal(url.port, 0);
 	assert_int_equal(url.database, 3);
 	assert_string_equal(url.password, "x");
+	assert_false(url.is_tls);
+}
+
+static void test_redis_url_of_tls(void **state)
+{
+	struct backing_redis_url url;
+	const char *why = NULL;
+
+	(void)state;
+	assert_int_equal(backing_redis_url_parse("rediss://a", &url, &why),
+	    ERR_OK);
+	assert_true(url.is_tls);
+	assert_string_equal(url.host, "a");
+	assert_int_equal(url.port, 6379);
+	assert_string_equal(url.ca, "");
+	assert_int_equal(backing_redis_url_parse("rediss://:x@a:7/2?"
+	    "ca=/etc/my%20ca.pem&prefix=p&key=k&cert=c", &url, &why), ERR_OK);
+	assert_string_equal(url.ca, "/etc/my ca.pem");
+	assert_string_equal(url.cert, "c");
+	assert_string_equal(url.key, "k");
+	assert_string_equal(url.prefix, "{p}:");
+	assert_int_equal(url.database, 2);
 }
 
 static void test_redis_url_refused(void **state)
@@ -317,7 +341,9 @@ static void test_redis_url_refused(void **state)
 	    "redis://a?b=1", "redis://a?prefix=", "redis://a?prefix={x}",
 	    "redis://[::1", "redis://[::1]x", "redis://a@b", "redis://u:@b",
 	    "redis://:%0@b", "redis://:%00@b", "redis://:a%2", "redis+unix://a",
-	    "rediss://a", "redis://a:1:2"};
+	    "redis://a:1:2", "rediss://", "rediss://a?ca=", "rediss://a?ca=%0",
+	    "rediss://a?cert=c", "rediss://a?key=k", "redis://a?ca=x",
+	    "redis+unix:///a?ca=x", "rediss:/a", "redisss://a"};
 
 	(void)state;
 	for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
@@ -670,7 +696,8 @@ static void test_redis_refresh_tells_what_is_there(void **state)
 
 static void test_redis_volumes(void **state)
 {
-	static const struct backing_volume v = {"0123", "abc", 3, false};
+	static const struct backing_volume v = {"0123", "abc", 3, false,
+	    "me"};
 	struct backing_reader reader;
 	struct daemon *a, *b;
 
@@ -701,6 +728,41 @@ static void test_redis_volumes(void **state)
 	b = begin(redis.url);
 	assert_int_equal(b->count, 0);
 	end(b);
+	end(a);
+}
+
+/* What a new daemon is told of whose volume 0123 is. */
+static void assert_owner(const char *owner)
+{
+	struct daemon *d = begin(redis.url);
+
+	assert_int_equal(d->count, 1);
+	assert_string_equal(d->list[0].owner, owner);
+	end(d);
+}
+
+static void test_redis_volumes_have_owners(void **state)
+{
+	struct backing_volume v = {"0123", "abc", 3, false, "me"};
+	struct daemon *a;
+
+	(void)state;
+	need_redis();
+	a = begin(redis.url);
+	assert_int_equal(a->backing->ops->put_volume(a->backing, &v), ERR_OK);
+	assert_owner("me");
+	/* Of two daemons at once, the first one's stays. */
+	v.owner = "you";
+	assert_int_equal(a->backing->ops->put_volume(a->backing, &v), ERR_OK);
+	assert_owner("me");
+	assert_int_equal(a->backing->ops->forget_volume(a->backing, "0123",
+	    false), ERR_OK);
+	assert_owner("me");
+	assert_int_equal(a->backing->ops->put_volume(a->backing, &v), ERR_OK);
+	assert_owner("you");
+	/* As daemons that know of none have kept it. */
+	redis_cli(&redis, "hdel '{blobfield}:volume:0123' owner", NULL, 0);
+	assert_owner("");
 	end(a);
 }
 
@@ -1276,7 +1338,8 @@ static void test_redis_change_in_doubt_is_told_later(void **state)
 /* Redis' clock goes on by an hour while the connection holds. */
 static void test_redis_clock_that_is_set_does_not_stop_changes(void **state)
 {
-	static const struct backing_volume v = {"0123", "abc", 3, false};
+	static const struct backing_volume v = {"0123", "abc", 3, false,
+	    "me"};
 	static struct middle m;
 	struct daemon *a;
 
@@ -1356,6 +1419,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_redis_url_forms),
+		cmocka_unit_test(test_redis_url_of_tls),
 		cmocka_unit_test(test_redis_url_refused),
 #define TEST(name) cmocka_unit_test_setup(name, clean)
 		TEST(test_redis_kept_is_loaded_elsewhere),
@@ -1372,6 +1436,7 @@ int main(void)
 		TEST(test_redis_owner_of_what_is_there_stays),
 		TEST(test_redis_refresh_tells_what_is_there),
 		TEST(test_redis_volumes),
+		TEST(test_redis_volumes_have_owners),
 		TEST(test_redis_follower_tells_of_others_only),
 		TEST(test_redis_overtaken_revisions_are_told_for_the_history),
 		TEST(test_redis_hole_in_the_stream_is_seen),

@@ -95,6 +95,7 @@ struct found {
 	uint64_t seq;
 	size_t volume_length;
 	unsigned volume_sum;
+	char volume_owner[32];
 };
 
 static enum err on_revision(void *ctx, const struct backing_revision *r)
@@ -119,6 +120,7 @@ static enum err on_volume(void *ctx, const struct backing_volume *v)
 	f->volumes++;
 	f->forgotten += v->is_forgotten;
 	f->volume_length = v->length;
+	snprintf(f->volume_owner, sizeof f->volume_owner, "%s", v->owner);
 	for (size_t i = 0; i < v->length; i++)
 		f->volume_sum = 31 * f->volume_sum + data[i];
 	return ERR_OK;
@@ -570,7 +572,8 @@ static void test_read_that_waits_delays_no_change(void **state)
 {
 	const char *places[] = {*state, ":memory:"};
 	static char data[(1 << 20) + 1];
-	const struct backing_volume v = {"id", data, sizeof data, false};
+	const struct backing_volume v = {"id", data, sizeof data, false,
+		"me"};
 
 	for (int k = 0; k < 2; k++) {
 		struct backing *b = must_open(places[k]);
@@ -701,7 +704,7 @@ static void test_volume_of_several_pieces(void **state)
 	struct backing *b = must_open(*state);
 	size_t length = ((size_t)5 << 19) + 17;
 	unsigned char *data = malloc(length);
-	struct backing_volume v = {"id", data, length, false};
+	struct backing_volume v = {"id", data, length, false, "me"};
 	unsigned sum = 0;
 	struct found f;
 
@@ -725,6 +728,31 @@ static void test_volume_of_several_pieces(void **state)
 	assert_int_equal(f.volumes, 0);
 	b->ops->free(b);
 	free(data);
+}
+
+static void test_volumes_have_owners(void **state)
+{
+	struct backing_volume v = {"id", "data", 4, false, "me"};
+	struct backing *b = must_open(*state);
+	struct found f;
+
+	assert_int_equal(b->ops->put_volume(b, &v), ERR_OK);
+	b->ops->free(b);
+	b = must_open(*state);
+	look(b, &f);
+	assert_string_equal(f.volume_owner, "me");
+	/* Forgotten, it is still whose it was, until somebody else has it. */
+	assert_int_equal(b->ops->forget_volume(b, "id", false), ERR_OK);
+	look(b, &f);
+	assert_string_equal(f.volume_owner, "me");
+	v.owner = "you";
+	assert_int_equal(b->ops->put_volume(b, &v), ERR_OK);
+	b->ops->free(b);
+	b = must_open(*state);
+	look(b, &f);
+	assert_int_equal(f.forgotten, 0);
+	assert_string_equal(f.volume_owner, "you");
+	b->ops->free(b);
 }
 
 static void test_memory_keeps_nothing(void **state)
@@ -795,7 +823,7 @@ static void run_sql(const char *path, const char *sql)
 static void test_file_of_version_1_is_brought_up(void **state)
 {
 	struct backing *b;
-	struct backing_volume v = {"id", "data", 4, false};
+	struct backing_volume v = {"id", "data", 4, false, ""};
 	struct found f;
 	char sql[1200], etag[ETAG_SIZE];
 	uint64_t seq;
@@ -828,6 +856,26 @@ static void test_file_of_version_1_is_brought_up(void **state)
 	assert_true(has(b, "1", "one"));
 	must_keep(b, "1", "four");
 	assert_false(has(b, "1", "two"));
+	b->ops->free(b);
+}
+
+/* Volumes of then have no owner. */
+static void test_file_of_version_2_is_brought_up(void **state)
+{
+	struct backing *b = must_open(*state);
+	struct backing_volume v = {"id", "data", 4, false, "me"};
+	struct found f;
+
+	assert_int_equal(b->ops->put_volume(b, &v), ERR_OK);
+	b->ops->free(b);
+	run_sql(path_of(*state, "scenes.sqlite"),
+	    "ALTER TABLE volume DROP COLUMN owner; "
+	    "ALTER TABLE scene DROP COLUMN bytes; PRAGMA user_version=2");
+	b = must_open(*state);
+	look(b, &f);
+	assert_int_equal(f.volumes, 1);
+	assert_int_equal(f.volume_length, 4);
+	assert_string_equal(f.volume_owner, "");
 	b->ops->free(b);
 }
 
@@ -983,7 +1031,7 @@ static enum err no_volume(void *ctx, const struct backing_volume *v)
 static void test_what_is_no_volume_is_refused(void **state)
 {
 	const struct backing_reader reader = {ignore, no_volume, NULL};
-	const struct backing_volume v = {"id", "data", 4, false};
+	const struct backing_volume v = {"id", "data", 4, false, ""};
 	struct backing *b = must_open(*state);
 
 	assert_int_equal(b->ops->put_volume(b, &v), ERR_OK);
@@ -995,7 +1043,8 @@ static void test_what_is_no_volume_is_refused(void **state)
 static void test_reader_does_not_stop_a_volume(void **state)
 {
 	static char data[(1 << 20) + 1];
-	const struct backing_volume v = {"id", data, sizeof data, false};
+	const struct backing_volume v = {"id", data, sizeof data, false,
+	    ""};
 	sqlite3_stmt *q;
 	struct backing *b;
 	sqlite3 *other;
@@ -1268,6 +1317,8 @@ int main(void)
 		CASE(test_files_are_for_their_owner_alone),
 		CASE(test_log_is_cut),
 		CASE(test_file_of_version_1_is_brought_up),
+		CASE(test_file_of_version_2_is_brought_up),
+		CASE(test_volumes_have_owners),
 		CASE(test_newer_file_is_refused),
 		CASE(test_file_of_another_program_is_refused),
 		CASE(test_damaged_file_is_refused_and_left),

@@ -144,7 +144,8 @@ static enum err fake_load(struct backing *b,
 	if (atomic_load(&fake.away) > 0)
 		return ERR_UNAVAILABLE;
 	if (fake.has_damage) {
-		static const struct backing_volume v = {"id", "x", 1, false};
+		static const struct backing_volume v = {"id", "x", 1, false,
+		    ""};
 
 		return reader->volume(reader->ctx, &v);
 	}
@@ -1058,15 +1059,101 @@ static void forget_one(float sample, char id[static VOLUME_ID_DIGITS + 1])
 {
 	float samples[64] = {sample};
 	struct grid grid = {.samples = samples, .count = {4, 4, 4}};
+	struct volume_payer payer = {.owner = "", .bytes_most = SIZE_MAX};
 	struct volume_entry entry;
 	bool is_new;
 
 	assert_int_equal(volume_store_add(server.volumes, &grid,
-	    vec3(0.0, 0.0, 0.0), vec3(1.0, 1.0, 1.0), false, &entry, &is_new),
-	    ERR_OK);
+	    vec3(0.0, 0.0, 0.0), vec3(1.0, 1.0, 1.0), false, &payer, &entry,
+	    &is_new), ERR_OK);
 	volume_store_settle(server.volumes, entry.id, true);
 	volume_store_delete(server.volumes, entry.id);
 	strcpy(id, entry.id);
+}
+
+/* Uploads a volume of 4 x 4 x 4, told apart by its first sample, as owner who may
+ * have room for so many of them; it is kept if it can be. */
+static enum err upload(float sample, const char *owner, size_t most,
+    bool is_kept, struct volume_entry *out)
+{
+	float samples[64] = {sample};
+	struct grid grid = {.samples = samples, .count = {4, 4, 4}};
+	struct volume_payer payer = {.owner = owner,
+	    .bytes_most = most * volume_store_need(&grid)};
+	bool is_new;
+	enum err err = volume_store_add(server.volumes, &grid,
+	    vec3(0.0, 0.0, 0.0), vec3(1.0, 1.0, 1.0), false, &payer, out,
+	    &is_new);
+
+	assert_int_equal(payer.is_owners, err == ERR_LIMIT);
+	if (err == ERR_OK)
+		volume_store_settle(server.volumes, out->id, is_kept);
+	return err;
+}
+
+/* How many volumes' memory counts as owner's. */
+static size_t volumes_of(const char *owner)
+{
+	float samples[64] = {0.0f};
+	struct grid grid = {.samples = samples, .count = {4, 4, 4}};
+	size_t bytes = volume_store_bytes_of(server.volumes, owner);
+
+	assert_int_equal(bytes % volume_store_need(&grid), 0);
+	return bytes / volume_store_need(&grid);
+}
+
+static void test_volumes_count_as_their_owners(void **state)
+{
+	struct volume_entry first, e;
+
+	(void)state;
+	assert_int_equal(upload(11.0f, "me", 2, true, &first), ERR_OK);
+	assert_int_equal(upload(12.0f, "me", 2, true, &e), ERR_OK);
+	assert_int_equal(volumes_of("me"), 2);
+	assert_int_equal(upload(13.0f, "me", 2, true, &e), ERR_LIMIT);
+	/* The same once more, or as somebody else, costs nothing. */
+	assert_int_equal(upload(11.0f, "me", 2, true, &e), ERR_OK);
+	assert_int_equal(upload(11.0f, "you", 0, true, &e), ERR_OK);
+	assert_string_equal(e.owner, "me");
+	assert_int_equal(volumes_of("you"), 0);
+	/* Gone, it is given back. */
+	assert_int_equal(volume_store_delete(server.volumes, first.id),
+	    ERR_OK);
+	assert_int_equal(volumes_of("me"), 1);
+	assert_int_equal(upload(13.0f, "me", 2, true, &e), ERR_OK);
+	/* What could not be kept does not count. */
+	assert_int_equal(upload(14.0f, "you", 1, false, &e), ERR_OK);
+	assert_int_equal(volumes_of("you"), 0);
+	assert_int_equal(upload(15.0f, "none", 0, true, &e), ERR_LIMIT);
+}
+
+static void test_forgotten_volumes_count_while_they_are_used(void **state)
+{
+	struct volume_entry first, e;
+	struct volume *used;
+
+	(void)state;
+	assert_int_equal(upload(21.0f, "a", 1, true, &first), ERR_OK);
+	used = volume_store_find(server.volumes, first.id);
+	assert_non_null(used);
+	assert_int_equal(volume_store_delete(server.volumes, first.id),
+	    ERR_OK);
+	assert_int_equal(volumes_of("a"), 1);
+	assert_int_equal(upload(22.0f, "a", 1, true, &e), ERR_LIMIT);
+	/* Uploaded anew it is who does that's, if that may and it is kept. */
+	assert_int_equal(upload(21.0f, "b", 0, true, &e), ERR_LIMIT);
+	assert_int_equal(upload(21.0f, "b", 1, false, &e), ERR_OK);
+	assert_int_equal(volumes_of("a"), 1);
+	assert_int_equal(volumes_of("b"), 0);
+	assert_int_equal(upload(21.0f, "b", 1, true, &e), ERR_OK);
+	assert_int_equal(volumes_of("a"), 0);
+	assert_int_equal(volumes_of("b"), 1);
+	/* One's own is not paid twice. */
+	assert_int_equal(volume_store_delete(server.volumes, first.id),
+	    ERR_OK);
+	assert_int_equal(upload(21.0f, "b", 1, true, &e), ERR_OK);
+	assert_int_equal(volumes_of("b"), 1);
+	volume_release(used);
 }
 
 static bool has_volume(const char *id)
@@ -1392,6 +1479,8 @@ static void test_shared_store_is_read_when_it_comes(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		CASE(test_volumes_count_as_their_owners),
+		CASE(test_forgotten_volumes_count_while_they_are_used),
 		CASE(test_put_is_kept_seen_and_told),
 		CASE(test_same_bytes_write_nothing),
 		CASE(test_preconditions_are_of_what_is_there),

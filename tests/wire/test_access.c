@@ -263,7 +263,7 @@ static void test_two_authorizations_are_401(void **state)
 	struct place *p = *state;
 	char text[400], reply[4096];
 
-	snprintf(text, sizeof text, "GET /v1/info HTTP/1.1\r\nHost: a\r\n"
+	snprintf(text, sizeof text, "GET /v1/info HTTP/1.1\r\nHost: localhost\r\n"
 	    "%s\r\n%s\r\nConnection: close\r\n\r\n", p->headers[ADMIN],
 	    p->headers[READER]);
 	assert_int_equal(http_raw(p->daemon.port, text, strlen(text), reply,
@@ -341,7 +341,7 @@ static void test_forbidden_names_the_roles(void **state)
 static void test_refused_before_the_body_is_sent(void **state)
 {
 	/* 100 MB are promised, nothing comes: answered all the same. */
-	static const char text[] = "PUT /v1/scenes/a HTTP/1.1\r\nHost: a\r\n"
+	static const char text[] = "PUT /v1/scenes/a HTTP/1.1\r\nHost: localhost\r\n"
 	    "Content-Type: application/json\r\nContent-Length: 100000000\r\n"
 	    "\r\n{";
 	struct place *p = *state;
@@ -738,7 +738,7 @@ static int ask_from(const struct daemon *d, int host, const char *head)
 	ssize_t n;
 	int status = 0;
 
-	n = snprintf(text, sizeof text, "%s HTTP/1.1\r\nHost: x\r\n"
+	n = snprintf(text, sizeof text, "%s HTTP/1.1\r\nHost: localhost\r\n"
 	    "Connection: close\r\n\r\n", head);
 	assert_int_equal(send(s, text, (size_t)n, 0), n);
 	n = recv(s, text, sizeof text - 1, 0);
@@ -801,7 +801,7 @@ static void test_an_upload_that_does_not_end_counts(void **state)
 
 	assert_non_null(text);
 	memset(text, ' ', LENGTH);
-	text[snprintf(text, LENGTH, "PUT /v1/scenes/u HTTP/1.1\r\nHost: x\r\n"
+	text[snprintf(text, LENGTH, "PUT /v1/scenes/u HTTP/1.1\r\nHost: localhost\r\n"
 	    "%s\r\nContent-Type: application/json\r\n"
 	    "Content-Length: 10000000\r\n\r\n", p->headers[UPLOADER])] = ' ';
 	assert_int_equal(send(s, text, LENGTH, 0), LENGTH);

@@ -38,7 +38,7 @@ int epoll_ctl(int set, int what, int fd, struct epoll_event *event)
 	return real(set, what, fd, event);
 }
 """
-REQUEST = b"GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n"
+REQUEST = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n"
 TIMES = 6
 PATIENCE = 60
 

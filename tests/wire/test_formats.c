@@ -222,7 +222,7 @@ static void test_npy_answer_is_a_header_and_the_raw_rows(void **state)
 static void test_chunked_body_is_as_good_as_any(void **state)
 {
 	const struct daemon *d = *state;
-	char head[] = "POST /v1/scenes/f/eval HTTP/1.1\r\nHost: h\r\n"
+	char head[] = "POST /v1/scenes/f/eval HTTP/1.1\r\nHost: localhost\r\n"
 	    "Content-Type: application/json\r\nConnection: close\r\n"
 	    "Transfer-Encoding: chunked\r\n\r\n"
 	    "8\r\n{\"points\r\n8\r\n\":[0,0,0\r\n2\r\n]}\r\n0\r\n\r\n";

@@ -915,7 +915,7 @@ static long await_progress(const struct daemon *d, long status)
 static void test_hanging_up_ends_the_work(void **state)
 {
 	static const char request[] = "POST /v1/scenes/letter/mesh"
-	    "?progress=hung HTTP/1.1\r\nHost: x\r\nContent-Type: "
+	    "?progress=hung HTTP/1.1\r\nHost: localhost\r\nContent-Type: "
 	    "application/json\r\nContent-Length: 19\r\n\r\n"
 	    "{\"resolution\":1024}";
 	const struct daemon *d = *state;

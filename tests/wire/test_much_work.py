@@ -184,7 +184,7 @@ def test_others_are_answered_while_documents_are_parsed():
 
 def test_hanging_up_and_sigterm_amid_large_ones():
     text = large(4 << 20).encode()
-    head = (b"PUT /v1/scenes/x HTTP/1.1\r\nHost: h\r\nContent-Type: "
+    head = (b"PUT /v1/scenes/x HTTP/1.1\r\nHost: localhost\r\nContent-Type: "
             b"application/json\r\nContent-Length: %d\r\n\r\n" % len(text))
     with running() as d:
         socks = [socket.create_connection(("127.0.0.1", d.port))

@@ -384,7 +384,7 @@ static int send_order(const struct daemon *d, double k)
 
 	snprintf(body, sizeof body, "{\"profile\":{\"type\":\"bulge\",\"k\":%g},"
 	    "\"layout\":\"uniform\",\"resolution\":128}", k);
-	snprintf(head, sizeof head, "POST /v1/operators HTTP/1.1\r\nHost: h\r\n"
+	snprintf(head, sizeof head, "POST /v1/operators HTTP/1.1\r\nHost: localhost\r\n"
 	    "Content-Type: application/json\r\nContent-Length: %zu\r\n\r\n",
 	    strlen(body));
 	assert_true(send(fd, head, strlen(head), MSG_NOSIGNAL) > 0);

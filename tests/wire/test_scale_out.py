@@ -512,10 +512,19 @@ def check_well(place, what):
     return slowest
 
 
+def test_scale_out_names_go_through(place):
+    """Of pages by other names, whose Host HAProxy passes on."""
+    for host, status in (("evil.example", 421), ("localhost:80", 200),
+                         ("127.0.0.1", 200)):
+        for path, expected in (("/v1/info", status), ("/healthz", 200)):
+            answer = ask(place.proxy.port, "GET", path, None, {"Host": host})
+            check(answer.status == expected, host, path, answer.status)
+
+
 def test_scale_out_floods_take_no_replica_out(place):
     check(put(Client(place.daemons[0].port), "flood", "x").status == 201)
     place.await_agreement(["flood"])
-    head = b"%s HTTP/1.1\r\nHost: x\r\n%s\r\n"
+    head = b"%s HTTP/1.1\r\nHost: localhost\r\n%s\r\n"
     for what, path, rest, sources, count in (
             # As many as HAProxy may open, of which the daemons are not to
             # hear; one address that would like to have all; listeners.

@@ -219,7 +219,7 @@ static void send_head(int fd, size_t points)
 {
 	char head[256];
 	int length = snprintf(head, sizeof head, "POST /v1/scenes/slow/eval"
-	    "?outputs=hessian HTTP/1.1\r\nHost: h\r\n"
+	    "?outputs=hessian HTTP/1.1\r\nHost: localhost\r\n"
 	    "Content-Type: application/octet-stream\r\n"
 	    "Accept: application/octet-stream\r\n"
 	    "Content-Length: %zu\r\n\r\n", points * 12);
@@ -308,14 +308,14 @@ static int ask_over(int fd, const char *text, char *reply, size_t size)
 
 static void test_draining_answers_503_over_old_connections(void **state)
 {
-	static const char ready[] = "GET /readyz HTTP/1.1\r\nHost: h\r\n\r\n";
+	static const char ready[] = "GET /readyz HTTP/1.1\r\nHost: localhost\r\n\r\n";
 	char eval[1024], reply[4096];
 	struct slow running;
 	struct daemon d;
 	int one, two;
 
 	(void)state;
-	snprintf(eval, sizeof eval, "POST /v1/eval HTTP/1.1\r\nHost: h\r\n"
+	snprintf(eval, sizeof eval, "POST /v1/eval HTTP/1.1\r\nHost: localhost\r\n"
 	    "Content-Type: application/json\r\nContent-Length: %zu\r\n\r\n%s",
 	    strlen(small), small);
 	daemon_start(&d, no_measure);

@@ -122,7 +122,7 @@ static void send_head(int fd, const struct sending *s)
 	if (!s->is_chunked)
 		sprintf(framing, "Content-Length: %zu\r\n", s->length);
 	send_all(fd, head, (size_t)snprintf(head, sizeof head,
-	    "POST %s HTTP/1.%d\r\nHost: h\r\nConnection: close\r\n%s%s\r\n",
+	    "POST %s HTTP/1.%d\r\nHost: localhost\r\nConnection: close\r\n%s%s\r\n",
 	    s->path, !s->is_1_0, s->headers, framing));
 }
 
@@ -520,11 +520,11 @@ static void test_keep_alive_after_a_stream(void **state)
 	struct answer a;
 
 	send_all(fd, head, (size_t)sprintf(head, "POST " EVAL " HTTP/1.1\r\n"
-	    "Host: h\r\n" OCTETS_IN OCTETS_OUT "Content-Length: %zu\r\n\r\n",
+	    "Host: localhost\r\n" OCTETS_IN OCTETS_OUT "Content-Length: %zu\r\n\r\n",
 	    length));
 	send_all(fd, points, length);
 	send_all(fd, head, (size_t)sprintf(head, "GET /healthz HTTP/1.1\r\n"
-	    "Host: h\r\nConnection: close\r\n\r\n"));
+	    "Host: localhost\r\nConnection: close\r\n\r\n"));
 	a = receive(fd);
 	assert_int_equal(a.status, 200);
 	assert_true(a.length > LARGE * ROW * sizeof(float));

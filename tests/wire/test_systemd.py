@@ -218,7 +218,7 @@ def test_a_socket_that_is_passed_is_served(folder):
     address = listener.getsockname()
     # One that waits since before the daemon was there.
     early = socket.create_connection(address)
-    early.sendall(b"GET /healthz HTTP/1.1\r\nHost: h\r\n\r\n")
+    early.sendall(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n")
     d = Daemon(folder, "--listen", "127.0.0.1:1", listeners=[listener]).start()
     try:
         assert d.url == "http://127.0.0.1:%d" % address[1], d.url
@@ -233,6 +233,40 @@ def test_a_socket_that_is_passed_is_served(folder):
         early.close()
         listener.close()
         d.close()
+
+
+def test_tokens_may_come_as_a_credential(folder):
+    """As LoadCredential=tokens:FILE gives them: a folder and a file that nobody
+    may write, in $CREDENTIALS_DIRECTORY."""
+    out = subprocess.run([DAEMON, "--make-token", "me:admin"],
+                         capture_output=True, text=True, check=True)
+    entry = json.loads(out.stdout.split("\n")[1])
+    credentials = os.path.join(folder, "credentials")
+    os.mkdir(credentials)
+    path = os.path.join(credentials, "tokens")
+    with open(path, "w") as f:
+        json.dump({"tokens": [entry]}, f)
+    # With ACLs systemd has them be root's, 0440; without, the service's, 0400.
+    for mode in (0o440, 0o400):
+        os.chmod(path, mode)
+        os.chmod(credentials, 0o500)
+        d = Daemon(folder, "--listen", "127.0.0.1:0", "--tokens", path,
+                   "--log-level", "info").start()
+        try:
+            d.hear("READY=1")
+            assert d.ask("/v1/info") == 401
+            d.process.send_signal(signal.SIGHUP)
+            d.hear("RELOADING=1")
+            d.hear("READY=1")
+            assert d.ask("/v1/info") == 401
+            d.process.terminate()
+            said = d.process.stderr.read()
+            assert "others may" not in said, said
+            assert "tokens: 1 of them" in said, said
+            assert d.wait() == 0
+        finally:
+            d.close()
+            os.chmod(credentials, 0o700)
 
 
 def test_other_sockets_are_refused(folder):

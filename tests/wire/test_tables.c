@@ -100,7 +100,7 @@ static int ask(const struct daemon *d, double k)
 	int fd = http_connect(d->port);
 
 	snprintf(body, sizeof body, body_format, k, "uniform", "union");
-	snprintf(head, sizeof head, "POST /v1/eval HTTP/1.1\r\nHost: h\r\n"
+	snprintf(head, sizeof head, "POST /v1/eval HTTP/1.1\r\nHost: localhost\r\n"
 	    "Content-Type: application/json\r\nContent-Length: %zu\r\n\r\n",
 	    strlen(body));
 	assert_true(send(fd, head, strlen(head), MSG_NOSIGNAL) > 0);

@@ -112,7 +112,7 @@ static int send_slow(int port, const char *more, const char *body)
 	char text[1024];
 	int fd = http_connect(port);
 	int length = snprintf(text, sizeof text, "POST " SLOW_PATH "%s "
-	    "HTTP/1.1\r\nHost: h\r\nContent-Type: application/json\r\n"
+	    "HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
 	    "Accept: application/x-npy\r\nContent-Length: %zu\r\n\r\n%s",
 	    more, strlen(body), body);
 

@@ -216,7 +216,7 @@ def test_refusals_amid_a_body_are_read():
     daemon = Daemon(more=("--max-body", "64k"))
     try:
         with daemon.connect() as sock:
-            sock.sendall(b"POST /v1/eval HTTP/1.1\r\nHost: a\r\nContent-Type: "
+            sock.sendall(b"POST /v1/eval HTTP/1.1\r\nHost: localhost\r\nContent-Type: "
                          b"application/json\r\nTransfer-Encoding: chunked\r\n"
                          b"\r\n" + (b"4000\r\n" + b" " * 0x4000 + b"\r\n") * 6)
             answer = b""
@@ -239,7 +239,7 @@ def test_those_who_hang_up_are_noticed():
         for polite in (True, False, True, False):
             sock = daemon.connect()
             sock.sendall(b"POST /v1/scenes/a/mesh?format=obj HTTP/1.1\r\n"
-                         b"Host: a\r\nContent-Type: application/json\r\n"
+                         b"Host: localhost\r\nContent-Type: application/json\r\n"
                          b"Content-Length: %d\r\n\r\n" % len(body) + body)
             time.sleep(0.05)
             if polite:
@@ -250,7 +250,7 @@ def test_those_who_hang_up_are_noticed():
         # Uploads, of which the end of the stream is all there is to see.
         for _ in range(20):
             sock = daemon.connect()
-            sock.sendall(b"POST /v1/eval HTTP/1.1\r\nHost: a\r\nContent-Type: "
+            sock.sendall(b"POST /v1/eval HTTP/1.1\r\nHost: localhost\r\nContent-Type: "
                          b"application/json\r\nContent-Length: 9999\r\n\r\n{")
             sock.close()
         while daemon.fds() > before and time.monotonic() - begin < 50:
@@ -286,7 +286,7 @@ def test_handshakes_have_a_deadline():
 def test_plain_http_and_garbage_at_the_port():
     daemon = Daemon()
     try:
-        for text in (b"GET /healthz HTTP/1.1\r\nHost: a\r\n\r\n",
+        for text in (b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n",
                      b"\x16\x03\x01\x00\x05hello", b"\0" * 3000,
                      b"\x16\x03\x01\xff\xff" + bytes(70000),
                      b"\x80\x2e\x01\x00\x02" + bytes(50)):
@@ -312,7 +312,7 @@ def test_answers_that_leave_as_they_are_made():
     try:
         daemon.ask("PUT", "/v1/scenes/a", SCENE)
         sock = daemon.connect()
-        sock.sendall(b"GET /v1/scenes/a/events HTTP/1.1\r\nHost: a\r\n\r\n")
+        sock.sendall(b"GET /v1/scenes/a/events HTTP/1.1\r\nHost: localhost\r\n\r\n")
         sock.settimeout(60)
         first = sock.recv(4096)
         if not first.startswith(b"HTTP/1.1 200"):
@@ -342,7 +342,7 @@ def test_reloading_under_load():
             try:
                 with daemon.connect() as sock:
                     seen.add(serial_of(sock))
-                    sock.sendall(b"GET /healthz HTTP/1.1\r\nHost: a\r\n"
+                    sock.sendall(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n"
                                  b"Connection: close\r\n\r\n")
                     assert sock.recv(4096).startswith(b"HTTP/1.1 200")
                 asked[0] += 1
