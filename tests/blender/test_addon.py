@@ -35,7 +35,7 @@ NAME = "blobfield_addon"
 class Daemon:
     def __init__(self):
         self.process = subprocess.Popen(
-            [DAEMON, "--listen", "127.0.0.1:0", "--no-cache", "--data", ":memory:"],
+            [DAEMON, "--listen", "127.0.0.1:0", "--no-cache", "--no-measure", "--data", ":memory:"],
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
         self.url = self.process.stdout.readline().split()[-1]
 

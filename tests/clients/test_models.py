@@ -125,7 +125,7 @@ def test_generated_models_are_what_generate_writes(url):
 
 def main():
     process = subprocess.Popen(
-        [DAEMON, "--listen", "127.0.0.1:0", "--no-cache", "--data", ":memory:"],
+        [DAEMON, "--listen", "127.0.0.1:0", "--no-cache", "--no-measure", "--data", ":memory:"],
         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     url = process.stdout.readline().split()[-1]
     failed = 0

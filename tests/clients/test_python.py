@@ -48,7 +48,7 @@ class Daemon:
     def __init__(self, *flags):
         self.flags = flags
         self.process = subprocess.Popen(
-            [DAEMON, "--listen", "127.0.0.1:0", "--no-cache", "--data",
+            [DAEMON, "--listen", "127.0.0.1:0", "--no-cache", "--no-measure", "--data",
              ":memory:", *flags],
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
         self.url = self.process.stdout.readline().split()[-1]

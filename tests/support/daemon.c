@@ -42,9 +42,9 @@ static const char *binary(void)
  * earlier run has kept: arguments may name a cache. */
 static pid_t spawn(const char *const *arguments, int out, int err)
 {
-	const char *argv[ARGUMENTS_MAX] = {binary(), "--no-cache", "--data",
-	    ":memory:"};
-	int count = 4;
+	const char *argv[ARGUMENTS_MAX] = {binary(), "--no-cache",
+	    "--no-measure", "--data", ":memory:"};
+	int count = 5;
 	pid_t pid;
 
 	while (arguments != NULL && *arguments != NULL &&

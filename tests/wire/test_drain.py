@@ -62,7 +62,7 @@ def build_shim(folder):
 def start(shim, *arguments):
     program = os.environ.get("BLOBFIELDD", "build/blobfieldd")
     process = subprocess.Popen(
-        [program, "--no-cache", "--data", ":memory:", "--listen",
+        [program, "--no-cache", "--no-measure", "--data", ":memory:", "--listen",
          "127.0.0.1:0", "--quiet", "--no-measure", *arguments],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env=dict(os.environ, LD_PRELOAD=shim))

@@ -58,7 +58,7 @@ class Daemon:
     def __init__(self, *arguments, is_ready=False):
         program = os.environ.get("BLOBFIELDD", "build/blobfieldd")
         self.process = subprocess.Popen(
-            [program, "--no-cache", "--data", ":memory:", "--listen",
+            [program, "--no-cache", "--no-measure", "--data", ":memory:", "--listen",
              "127.0.0.1:0", "--quiet", "--no-measure", *arguments],
             stdout=subprocess.PIPE, text=True)
         line = self.process.stdout.readline()

@@ -65,7 +65,7 @@ class Daemon:
     def __init__(self):
         program = os.environ.get("BLOBFIELDD", "build/blobfieldd")
         self.process = subprocess.Popen(
-            [program, "--no-cache", "--data", ":memory:", "--listen", "127.0.0.1:0", "--quiet",
+            [program, "--no-cache", "--no-measure", "--data", ":memory:", "--listen", "127.0.0.1:0", "--quiet",
              "--no-measure"], stdout=subprocess.PIPE, text=True)
         line = self.process.stdout.readline()
         self.url = re.search(r"http://\S+", line).group(0)

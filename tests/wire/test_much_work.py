@@ -31,7 +31,7 @@ class Daemon:
     def __init__(self, *more):
         program = os.environ.get("BLOBFIELDD", "build/blobfieldd")
         self.process = subprocess.Popen(
-            [program, "--no-cache", "--data", ":memory:", "--listen",
+            [program, "--no-cache", "--no-measure", "--data", ":memory:", "--listen",
              "127.0.0.1:0", "--quiet", "--no-measure", *more],
             stdout=subprocess.PIPE, text=True)
         self.port = int(re.search(

@@ -305,7 +305,7 @@ def test_redis_files_that_cannot_be_used_are_told_at_the_start(place):
                         ("ca=ca.pem&cert=good.pem&key=client.key", "cert"),
                         ("ca=ca.pem&cert=none.pem&key=client.key", "cert")):
         done = subprocess.run(
-            [program(), "--no-cache", "--listen", "127.0.0.1:0", "--store",
+            [program(), "--no-cache", "--no-measure", "--listen", "127.0.0.1:0", "--store",
              place.url(query)], capture_output=True, text=True,
             timeout=PATIENCE)
         assert done.returncode != 0, query

@@ -73,7 +73,7 @@ def install(name):
 
 def arguments_for(cert, key):
     program = os.environ.get("BLOBFIELDD", "build/blobfieldd")
-    return [program, "--no-cache", "--data", ":memory:", "--listen",
+    return [program, "--no-cache", "--no-measure", "--data", ":memory:", "--listen",
             "127.0.0.1:0", "--log-level", "warning", "--no-measure",
             "--tls-cert", path(cert), "--tls-key", path(key)]
 
@@ -438,7 +438,7 @@ def test_one_flag_needs_the_other():
     for flag, name in (("--tls-cert", "first.pem"), ("--tls-key",
                                                      "first.key")):
         done = subprocess.run(
-            [program, "--no-cache", "--data", ":memory:", "--listen",
+            [program, "--no-cache", "--no-measure", "--data", ":memory:", "--listen",
              "127.0.0.1:0", flag, path(name)], capture_output=True, text=True,
             timeout=60)
         assert done.returncode != 0 and "needs both" in done.stderr, done.stderr
