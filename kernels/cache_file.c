@@ -157,7 +157,7 @@ static bool read_all(int fd, void *out, size_t size)
 
 static bool is_trusted(const struct stat *info)
 {
-	return info->st_uid == geteuid() &&
+	return (info->st_uid == geteuid() || info->st_uid == 0) &&
 	    (info->st_mode & (S_IWGRP | S_IWOTH)) == 0;
 }
 
@@ -454,7 +454,7 @@ static bool make_folders(char *path)
 	return mkdir(path, 0700) == 0 || errno == EEXIST;
 }
 
-enum err cache_prepare(const char *folder)
+enum err cache_prepare(const char *folder, bool *is_read_only)
 {
 	char path[CACHE_FOLDER_MAX];
 	struct stat info;
@@ -465,8 +465,8 @@ enum err cache_prepare(const char *folder)
 	}
 	snprintf(path, sizeof path, "%s", folder);
 	/* One that is there need not lie where folders can be made. */
-	if (stat(folder, &info) != 0 &&
-	    (!make_folders(path) || stat(folder, &info) != 0))
+	if (stat(folder, &info) != 0 && (*is_read_only ||
+	    !make_folders(path) || stat(folder, &info) != 0))
 		return ERR_IO;
 	if (!S_ISDIR(info.st_mode)) {
 		errno = ENOTDIR;
@@ -474,5 +474,7 @@ enum err cache_prepare(const char *folder)
 	}
 	if (!is_trusted(&info))
 		return ERR_INVALID;
-	return access(folder, R_OK | W_OK | X_OK) == 0 ? ERR_OK : ERR_IO;
+	if (access(folder, W_OK) != 0)
+		*is_read_only = true;
+	return access(folder, R_OK | X_OK) == 0 ? ERR_OK : ERR_IO;
 }

@@ -92,9 +92,10 @@ void cache_trim(const char *folder, size_t most);
 
 /*
  * Makes folder, and those above it, if they are missing, for the user alone.
- * ERR_IO, with errno; ERR_INVALID: it is not the user's own, or others may
- * write it (that they may read it, as with mode 0755, is no harm).
+ * ERR_IO, with errno; ERR_INVALID: it is neither the user's own nor root's, or
+ * others may write it (that they may read it, as with mode 0755, is no harm).
+ * *is_read_only: it is not to be written, nor made; set if it cannot be.
  */
-enum err cache_prepare(const char *folder);
+enum err cache_prepare(const char *folder, bool *is_read_only);
 
 #endif

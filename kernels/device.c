@@ -197,6 +197,7 @@ static enum err open_device(struct device *d,
 
 	if (options->cache)
 		snprintf(d->cache, sizeof(d->cache), "%s", options->cache);
+	d->cache_is_read_only = options->cache_is_read_only;
 	if (!err)
 		err = create_queue(d);
 	if (!err)

@@ -38,6 +38,7 @@ struct device_options {
 	/* Where built kernels are kept from one start to the next: an existing
 	 * folder, or NULL for none. */
 	const char *cache;
+	bool cache_is_read_only;   /* ... of which none is deleted either */
 	bool no_culling;           /* every point walks the whole tape */
 };
 

@@ -169,7 +169,8 @@ bool device_cache_forget(struct device *d)
 			continue;
 		any = true;
 		make_key(&key, d->id, kernels_source, d->build_options[i]);
-		if (cache_file_path(d->cache, KIND, &key, path))
+		if (!d->cache_is_read_only &&
+		    cache_file_path(d->cache, KIND, &key, path))
 			unlink(path);
 	}
 	return any;

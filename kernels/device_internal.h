@@ -125,6 +125,7 @@ struct device {
 	char build_options[DEVICE_KERNEL_COUNT][DEVICE_OPTIONS_MAX];
 	bool is_cached[DEVICE_KERNEL_COUNT]; /* came out of the cache */
 	char cache[CACHE_FOLDER_MAX]; /* a folder; "": none */
+	bool cache_is_read_only;
 	size_t group;          /* work-items of a work-group */
 	int block;             /* vectors of points of a work-item */
 	bool has_shared;       /* areas are shared virtual memory */

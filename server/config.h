@@ -50,6 +50,7 @@ struct config {
 	                               * cache to the one below: main's */
 	char cache[CACHE_FOLDER_MAX]; /* a folder; "": nothing is kept */
 	size_t cache_size;        /* bytes of what is kept there */
+	bool cache_read_only;     /* nothing is written there */
 	bool fill_cache;          /* with the device's kernels, and nothing else */
 	enum table_layout layout; /* for operators that do not say */
 	bool measure;             /* tables' errors, in the background */

@@ -121,6 +121,8 @@ const struct config_option config_options[] = {
 	    .help = "keep nothing from start to start"},
 	{"cache-size", "BYTES", BYTES(cache_size),
 	    .help = "most bytes kept there (1G)"},
+	{"cache-read-only", NULL, SWITCH(cache_read_only, true),
+	    .help = "write nothing there"},
 	{"fill-cache", NULL, DEED(fill_cache),
 	    .help = "put the device's kernels there and exit"},
 	{"list-devices", NULL, DEED(list_devices),

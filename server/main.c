@@ -114,14 +114,20 @@ static void on_device_failed(void *ctx)
 /* Goes on without one that cannot be used. */
 static void prepare_cache(struct config *config)
 {
+	bool was_asked;
 	enum err err;
 
 	config->device.cache = NULL;
 	if (config->cache[0] == '\0')
 		return;
-	err = cache_prepare(config->cache);
+	was_asked = config->cache_read_only;
+	err = cache_prepare(config->cache, &config->cache_read_only);
 	if (err == ERR_OK) {
 		config->device.cache = config->cache;
+		config->device.cache_is_read_only = config->cache_read_only;
+		if (config->cache_read_only && !was_asked)
+			log_write(LOG_INFO, "cache %s: cannot be written, "
+			    "only read", config->cache);
 		return;
 	}
 	log_write(LOG_WARNING, "cache %s: %s; going on without", config->cache,
@@ -140,8 +146,9 @@ static int fill_cache(const struct config *config)
 	struct device *device = NULL;
 	enum err err;
 
-	if (config->cache[0] == '\0') {
-		log_write(LOG_ERROR, "there is no cache to fill");
+	if (config->cache[0] == '\0' || config->cache_read_only) {
+		log_write(LOG_ERROR, config->cache[0] == '\0' ? "there is "
+		    "no cache to fill" : "the cache is only read");
 		return 1;
 	}
 	setpriority(PRIO_PROCESS, 0, 19);
@@ -470,7 +477,7 @@ static enum err start(struct daemon *d, char url[static HTTP_URL_MAX])
 		    &server->volumes);
 	if (err == ERR_OK && config->device.cache != NULL)
 		err = table_cache_create(config->cache, config->cache_size,
-		    &d->cache);
+		    config->cache_read_only, &d->cache);
 	if (err == ERR_OK)
 		err = start_scheduler(d);
 	if (err == ERR_OK)
@@ -529,7 +536,8 @@ static void stop(struct server *server)
 static int run(const struct config *config, char **argv)
 {
 	struct daemon d = {.server = {.config = config},
-	    .filler = {.argv = argv, .cache = config->device.cache}};
+	    .filler = {.argv = argv, .cache = config->cache_read_only ? NULL :
+	    config->device.cache}};
 	char url[HTTP_URL_MAX];
 	int status = 1;
 	enum err err = ERR_IO;

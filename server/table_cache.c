@@ -22,6 +22,7 @@
 struct table_cache {
 	char *folder;
 	size_t most;
+	bool is_read_only;
 	atomic_bool has_failed; /* to write, and said so */
 };
 
@@ -33,7 +34,7 @@ struct stored_figures {
 };
 
 enum err table_cache_create(const char *folder, size_t most,
-    struct table_cache **out)
+    bool is_read_only, struct table_cache **out)
 {
 	struct table_cache *c = calloc(1, sizeof *c);
 
@@ -45,7 +46,9 @@ enum err table_cache_create(const char *folder, size_t most,
 		free(c);
 		return ERR_MEMORY;
 	}
-	cache_trim(folder, most);
+	c->is_read_only = is_read_only;
+	if (!is_read_only)
+		cache_trim(folder, most);
 	*out = c;
 	return ERR_OK;
 }
@@ -222,7 +225,7 @@ void table_cache_store(struct table_cache *c, const struct table *table,
 	struct cache_key key;
 
 	/* Larger than all there may be: it would only push the others out. */
-	if (table_bytes(table) > c->most)
+	if (c->is_read_only || table_bytes(table) > c->most)
 		return;
 	make_key(&key, &op);
 	write_file(c, KIND_TABLE, &key, table->first, table_bytes(table));
@@ -235,6 +238,8 @@ void table_cache_store_figures(struct table_cache *c,
 {
 	struct cache_key key;
 
+	if (c->is_read_only)
+		return;
 	make_key(&key, op);
 	write_figures(c, &key, figures);
 }
@@ -243,6 +248,8 @@ void table_cache_touch(struct table_cache *c, const struct operator *op)
 {
 	struct cache_key key;
 
+	if (c->is_read_only)
+		return;
 	make_key(&key, op);
 	cache_file_touch(c->folder, KIND_TABLE, &key);
 	cache_file_touch(c->folder, KIND_FIGURES, &key);

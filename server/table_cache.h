@@ -24,9 +24,10 @@ struct table_figures {
 	struct table_error error; /* if it is */
 };
 
-/* A cache in an existing folder, of most bytes or less. ERR_MEMORY. */
+/* A cache in an existing folder, of most bytes or less; is_read_only: which is
+ * never written, so that what is stored is not. ERR_MEMORY. */
 enum err table_cache_create(const char *folder, size_t most,
-    struct table_cache **out);
+    bool is_read_only, struct table_cache **out);
 
 /* NULL does nothing. */
 void table_cache_free(struct table_cache *c);

@@ -13,6 +13,11 @@ import traceback
 import urllib.error
 import urllib.request
 
+# The tables that tests/run.sh has built for all, or none.
+CACHE = (["--cache", os.environ["BLOBFIELD_TEST_CACHE"],
+          "--cache-read-only"] if "BLOBFIELD_TEST_CACHE" in os.environ
+         else ["--no-cache"])
+
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(
     os.path.abspath(__file__))))
 MODELS = os.path.join(ROOT, "clients", "models")
@@ -125,7 +130,7 @@ def test_generated_models_are_what_generate_writes(url):
 
 def main():
     process = subprocess.Popen(
-        [DAEMON, "--listen", "127.0.0.1:0", "--no-cache", "--no-measure", "--data", ":memory:"],
+        [DAEMON, "--listen", "127.0.0.1:0", *CACHE, "--no-measure", "--data", ":memory:"],
         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     url = process.stdout.readline().split()[-1]
     failed = 0

@@ -37,6 +37,10 @@ from blobfield import (document, point, segment, sphere, torus,  # noqa: E402
 
 DAEMON = os.environ.get("BLOBFIELDD") or os.path.join(ROOT, "build",
                                                       "blobfieldd")
+# The tables that tests/run.sh has built for all, or none.
+CACHE = (["--cache", os.environ["BLOBFIELD_TEST_CACHE"],
+          "--cache-read-only"] if "BLOBFIELD_TEST_CACHE" in os.environ
+         else ["--no-cache"])
 BALL = point([0, 0, 0], 1)
 LETTER = document(union(
     segment([-1, 0, 0], [1, 0, 0], 0.25, color=[0.8, 0.2, 0.1], id="bar"),
@@ -47,9 +51,10 @@ LETTER = document(union(
 class Daemon:
     def __init__(self, *flags):
         self.flags = flags
+        cache = [] if "--cache" in flags else CACHE
         self.process = subprocess.Popen(
-            [DAEMON, "--listen", "127.0.0.1:0", "--no-cache", "--no-measure", "--data",
-             ":memory:", *flags],
+            [DAEMON, "--listen", "127.0.0.1:0", "--no-measure", "--data",
+             ":memory:", *cache, *flags],
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
         self.url = self.process.stdout.readline().split()[-1]
 

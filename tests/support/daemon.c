@@ -37,16 +37,34 @@ static const char *binary(void)
 	return path;
 }
 
+/* The tables that tests/run.sh has built for all; or none. Nothing, where the
+ * test says itself. */
+static const char *const *cache_arguments(const char *const *arguments)
+{
+	static const char *shared[] = {"--cache", NULL, "--cache-read-only",
+	    NULL};
+	static const char *const none[] = {"--no-cache", NULL};
+
+	for (; arguments != NULL && *arguments != NULL; arguments++)
+		if (strcmp(*arguments, "--cache") == 0)
+			return none + 1;
+	shared[1] = getenv("BLOBFIELD_TEST_CACHE");
+	return shared[1] != NULL ? shared : none;
+}
+
 /* Starts the daemon with out (and err, if not -1) as its streams. Tests neither
  * use nor change what the user's own daemon keeps, nor depend on what an
- * earlier run has kept: arguments may name a cache. */
+ * earlier run has kept: arguments may name a cache, or none. */
 static pid_t spawn(const char *const *arguments, int out, int err)
 {
-	const char *argv[ARGUMENTS_MAX] = {binary(), "--no-cache",
-	    "--no-measure", "--data", ":memory:"};
-	int count = 5;
+	const char *argv[ARGUMENTS_MAX] = {binary(), "--no-measure", "--data",
+	    ":memory:"};
+	const char *const *cache = cache_arguments(arguments);
+	int count = 4;
 	pid_t pid;
 
+	while (*cache != NULL)
+		argv[count++] = *cache++;
 	while (arguments != NULL && *arguments != NULL &&
 	    count < ARGUMENTS_MAX - 1)
 		argv[count++] = *arguments++;

@@ -173,7 +173,8 @@ static void test_tables_are_kept_and_found_again(void **state)
 	(void)state;
 	op.draft = false;
 	folder_make(folder);
-	assert_int_equal(table_cache_create(folder, (size_t)1 << 30, &cache),
+	assert_int_equal(table_cache_create(folder, (size_t)1 << 30, false,
+	    &cache),
 	    ERR_OK);
 	t = start_with(cache);
 	load(t, &op, &entries[0]);

@@ -58,7 +58,8 @@ static int setup(void **state)
 
 	assert_non_null(p);
 	folder_make(p->folder);
-	assert_int_equal(table_cache_create(p->folder, MOST, &p->cache), ERR_OK);
+	assert_int_equal(table_cache_create(p->folder, MOST, false,
+	    &p->cache), ERR_OK);
 	p->op = (struct operator){.family = FAMILY_UNION,
 	    .profile = profile_bulge(0.7), .layout = LAYOUT_WARPED,
 	    .resolution = NODES};
@@ -370,7 +371,8 @@ static void test_what_was_used_longest_ago_goes_first(void **state)
 	struct operator ops[4];
 
 	table_cache_free(p->cache);
-	assert_int_equal(table_cache_create(p->folder, room, &p->cache), ERR_OK);
+	assert_int_equal(table_cache_create(p->folder, room, false,
+	    &p->cache), ERR_OK);
 	for (int i = 0; i < 4; i++) {
 		table_free(p->table);
 		p->op.profile.k = 0.2 + 0.1 * i;
@@ -606,33 +608,62 @@ static void test_a_folder_is_made_for_its_user_alone(void **state)
 {
 	struct place *p = *state;
 	char path[PATH_MAX + 32];
+	bool is_read_only = false;
 	struct stat info;
 
 	snprintf(path, sizeof path, "%s/a/b/c", p->folder);
-	assert_int_equal(cache_prepare(path), ERR_OK);
-	assert_int_equal(cache_prepare(path), ERR_OK);
+	assert_int_equal(cache_prepare(path, &is_read_only), ERR_OK);
+	assert_int_equal(cache_prepare(path, &is_read_only), ERR_OK);
 	assert_int_equal(stat(path, &info), 0);
 	assert_int_equal(info.st_mode & 0777, 0700);
 	chmod(path, 0755);
-	assert_int_equal(cache_prepare(path), ERR_OK);
+	assert_int_equal(cache_prepare(path, &is_read_only), ERR_OK);
 	chmod(path, 0775);
-	assert_int_equal(cache_prepare(path), ERR_INVALID);
+	assert_int_equal(cache_prepare(path, &is_read_only), ERR_INVALID);
 	chmod(path, 0757);
-	assert_int_equal(cache_prepare(path), ERR_INVALID);
+	assert_int_equal(cache_prepare(path, &is_read_only), ERR_INVALID);
 	if (geteuid() == 0) {
 		chmod(path, 0700);
 		assert_int_equal(chown(path, 12345, (gid_t)-1), 0);
-		assert_int_equal(cache_prepare(path), ERR_INVALID);
+		assert_int_equal(cache_prepare(path, &is_read_only), ERR_INVALID);
 	}
 	snprintf(path, sizeof path, "%s/file", p->folder);
 	spill(path, "", 0);
-	assert_int_equal(cache_prepare(path), ERR_IO);
+	assert_int_equal(cache_prepare(path, &is_read_only), ERR_IO);
 	snprintf(path, sizeof path, "%s/file/below", p->folder);
-	assert_int_equal(cache_prepare(path), ERR_IO);
+	assert_int_equal(cache_prepare(path, &is_read_only), ERR_IO);
 	memset(path, '/', CACHE_FOLDER_MAX); /* the root, at length */
 	path[CACHE_FOLDER_MAX] = '\0';
-	assert_int_equal(cache_prepare(path), ERR_IO);
+	assert_int_equal(cache_prepare(path, &is_read_only), ERR_IO);
 	assert_int_equal(errno, ENAMETOOLONG);
+}
+
+/* What is there is read, and nothing else happens. */
+static void test_a_cache_that_is_only_read(void **state)
+{
+	struct place *p = *state;
+	bool is_read_only = true;
+	char path[PATH_MAX + 32];
+
+	store(p);
+	table_cache_free(p->cache);
+	/* Of 1 byte: all there is would be deleted. */
+	assert_int_equal(table_cache_create(p->folder, 1, true, &p->cache),
+	    ERR_OK);
+	assert_int_equal(folder_count(p->folder, ""), 2);
+	assert_true(loads(p));
+	p->op.resolution = NODES + 1;
+	table_free(p->table);
+	p->table = build(&p->op);
+	table_cache_store(p->cache, p->table, &figures);
+	table_cache_store_figures(p->cache, &p->op, &figures);
+	table_cache_touch(p->cache, &p->op);
+	assert_false(loads(p));
+	assert_int_equal(folder_count(p->folder, ""), 2);
+	snprintf(path, sizeof path, "%s/a", p->folder);
+	assert_int_equal(cache_prepare(path, &is_read_only), ERR_IO);
+	assert_int_equal(cache_prepare(p->folder, &is_read_only), ERR_OK);
+	assert_int_equal(folder_count(p->folder, ""), 2);
 }
 
 #define CASE(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
@@ -659,6 +690,7 @@ int main(void)
 		CASE(test_a_full_disk_leaves_nothing_behind),
 		CASE(test_several_processes_at_once),
 		CASE(test_a_folder_is_made_for_its_user_alone),
+		CASE(test_a_cache_that_is_only_read),
 	};
 
 	log_set_level(LOG_ERROR);

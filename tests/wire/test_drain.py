@@ -20,6 +20,11 @@ import threading
 import time
 import traceback
 
+# The tables that tests/run.sh has built for all, or none.
+CACHE = (["--cache", os.environ["BLOBFIELD_TEST_CACHE"],
+          "--cache-read-only"] if "BLOBFIELD_TEST_CACHE" in os.environ
+         else ["--no-cache"])
+
 SHIM = r"""
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -62,7 +67,7 @@ def build_shim(folder):
 def start(shim, *arguments):
     program = os.environ.get("BLOBFIELDD", "build/blobfieldd")
     process = subprocess.Popen(
-        [program, "--no-cache", "--no-measure", "--data", ":memory:", "--listen",
+        [program, *CACHE, "--no-measure", "--data", ":memory:", "--listen",
          "127.0.0.1:0", "--quiet", "--no-measure", *arguments],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env=dict(os.environ, LD_PRELOAD=shim))

@@ -22,6 +22,11 @@ import threading
 import time
 import traceback
 
+# The tables that tests/run.sh has built for all, or none.
+CACHE = (["--cache", os.environ["BLOBFIELD_TEST_CACHE"],
+          "--cache-read-only"] if "BLOBFIELD_TEST_CACHE" in os.environ
+         else ["--no-cache"])
+
 ROUNDS = int(os.environ.get("HOSTILE_ROUNDS", "2"))
 IS_SANITIZED = bool(os.environ.get("SAN"))
 REQUEST_TIME = 2
@@ -58,7 +63,7 @@ class Daemon:
     def __init__(self, *arguments, is_ready=False):
         program = os.environ.get("BLOBFIELDD", "build/blobfieldd")
         self.process = subprocess.Popen(
-            [program, "--no-cache", "--no-measure", "--data", ":memory:", "--listen",
+            [program, *CACHE, "--no-measure", "--data", ":memory:", "--listen",
              "127.0.0.1:0", "--quiet", "--no-measure", *arguments],
             stdout=subprocess.PIPE, text=True)
         line = self.process.stdout.readline()

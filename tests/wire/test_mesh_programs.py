@@ -28,6 +28,11 @@ import traceback
 import urllib.error
 import urllib.request
 
+# The tables that tests/run.sh has built for all, or none.
+CACHE = (["--cache", os.environ["BLOBFIELD_TEST_CACHE"],
+          "--cache-read-only"] if "BLOBFIELD_TEST_CACHE" in os.environ
+         else ["--no-cache"])
+
 MODELS = "clients/models"
 WEB = "clients/web"
 FORMATS = ("glb", "stl", "ply", "obj")
@@ -65,7 +70,7 @@ class Daemon:
     def __init__(self):
         program = os.environ.get("BLOBFIELDD", "build/blobfieldd")
         self.process = subprocess.Popen(
-            [program, "--no-cache", "--no-measure", "--data", ":memory:", "--listen", "127.0.0.1:0", "--quiet",
+            [program, *CACHE, "--no-measure", "--data", ":memory:", "--listen", "127.0.0.1:0", "--quiet",
              "--no-measure"], stdout=subprocess.PIPE, text=True)
         line = self.process.stdout.readline()
         self.url = re.search(r"http://\S+", line).group(0)

@@ -20,6 +20,11 @@ import threading
 import time
 import traceback
 
+# The tables that tests/run.sh has built for all, or none.
+CACHE = (["--cache", os.environ["BLOBFIELD_TEST_CACHE"],
+          "--cache-read-only"] if "BLOBFIELD_TEST_CACHE" in os.environ
+         else ["--no-cache"])
+
 PATIENCE = 120
 BALL = {"format": "blobfield/1",
         "root": {"type": "point", "center": [0, 0, 0], "radius": 1}}
@@ -31,7 +36,7 @@ class Daemon:
     def __init__(self, *more):
         program = os.environ.get("BLOBFIELDD", "build/blobfieldd")
         self.process = subprocess.Popen(
-            [program, "--no-cache", "--no-measure", "--data", ":memory:", "--listen",
+            [program, *CACHE, "--no-measure", "--data", ":memory:", "--listen",
              "127.0.0.1:0", "--quiet", "--no-measure", *more],
             stdout=subprocess.PIPE, text=True)
         self.port = int(re.search(

@@ -19,6 +19,11 @@ import tempfile
 import time
 import traceback
 
+# The tables that tests/run.sh has built for all, or none.
+CACHE = (["--cache", os.environ["BLOBFIELD_TEST_CACHE"],
+          "--cache-read-only"] if "BLOBFIELD_TEST_CACHE" in os.environ
+         else ["--no-cache"])
+
 PATIENCE = 60.0
 JSON = {"Content-Type": "application/json"}
 
@@ -305,7 +310,7 @@ def test_redis_files_that_cannot_be_used_are_told_at_the_start(place):
                         ("ca=ca.pem&cert=good.pem&key=client.key", "cert"),
                         ("ca=ca.pem&cert=none.pem&key=client.key", "cert")):
         done = subprocess.run(
-            [program(), "--no-cache", "--no-measure", "--listen", "127.0.0.1:0", "--store",
+            [program(), *CACHE, "--no-measure", "--listen", "127.0.0.1:0", "--store",
              place.url(query)], capture_output=True, text=True,
             timeout=PATIENCE)
         assert done.returncode != 0, query

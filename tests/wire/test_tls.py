@@ -20,6 +20,11 @@ import threading
 import time
 import traceback
 
+# The tables that tests/run.sh has built for all, or none.
+CACHE = (["--cache", os.environ["BLOBFIELD_TEST_CACHE"],
+          "--cache-read-only"] if "BLOBFIELD_TEST_CACHE" in os.environ
+         else ["--no-cache"])
+
 RELOADS = 12
 SCENE = {"format": "blobfield/1", "root": {
     "type": "point", "center": [0, 0, 0], "radius": 2}}
@@ -73,7 +78,7 @@ def install(name):
 
 def arguments_for(cert, key):
     program = os.environ.get("BLOBFIELDD", "build/blobfieldd")
-    return [program, "--no-cache", "--no-measure", "--data", ":memory:", "--listen",
+    return [program, *CACHE, "--no-measure", "--data", ":memory:", "--listen",
             "127.0.0.1:0", "--log-level", "warning", "--no-measure",
             "--tls-cert", path(cert), "--tls-key", path(key)]
 
@@ -438,7 +443,7 @@ def test_one_flag_needs_the_other():
     for flag, name in (("--tls-cert", "first.pem"), ("--tls-key",
                                                      "first.key")):
         done = subprocess.run(
-            [program, "--no-cache", "--no-measure", "--data", ":memory:", "--listen",
+            [program, *CACHE, "--no-measure", "--data", ":memory:", "--listen",
              "127.0.0.1:0", flag, path(name)], capture_output=True, text=True,
             timeout=60)
         assert done.returncode != 0 and "needs both" in done.stderr, done.stderr
