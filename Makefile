@@ -510,7 +510,7 @@ DEB = build/blobfield_$(VERSION)-1_$(shell dpkg --print-architecture).deb
 
 .PHONY: deb
 deb: packages-deb
-	@rm -rf build/deb/debian && mkdir -p build/deb/debian
+	@rm -rf build/deb/debian build/blobfield_*.deb && mkdir -p build/deb/debian
 	@cp server/deploy/debian/* build/deb/debian
 	@server/deploy/debian/fill.sh $(VERSION) build/deb/debian
 	@cd build/deb && DEB_BUILD_OPTIONS=noautodbgsym \

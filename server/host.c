@@ -49,13 +49,34 @@ static struct name next_name(const char **rest)
 
 static bool is_name(struct name n)
 {
-	bool is_good = n.length > 0 && n.length <= NAME_MAX_LENGTH &&
-	    n.at[0] != '.';
+	bool is_good = n.length > 0 && n.length <= NAME_MAX_LENGTH;
 
-	for (size_t i = 0; i < n.length; i++)
-		is_good = is_good && (isalnum((unsigned char)n.at[i]) ||
-		    strchr("-._", n.at[i]) != NULL);
+	for (size_t i = 0; i < n.length; i++) {
+		const bool is_dot = n.at[i] == '.';
+		const bool is_part = isalnum((unsigned char)n.at[i]) ||
+		    n.at[i] == '-' || n.at[i] == '_';
+
+		/* No part is empty, but one behind the last dot. */
+		is_good = is_good && (is_part || (is_dot && i > 0 &&
+		    n.at[i - 1] != '.'));
+	}
 	return is_good;
+}
+
+static bool is_address(struct name n)
+{
+	char text[INET6_ADDRSTRLEN + 1];
+	struct in6_addr address;
+	const bool is_v6 = n.length > 2 && n.at[0] == '[' &&
+	    n.at[n.length - 1] == ']';
+
+	if (is_v6)
+		n = (struct name){n.at + 1, n.length - 2};
+	if (n.length >= sizeof text)
+		return false;
+	memcpy(text, n.at, n.length);
+	text[n.length] = '\0';
+	return inet_pton(is_v6 ? AF_INET6 : AF_INET, text, &address) == 1;
 }
 
 bool host_names_are_valid(const char *names)
@@ -63,14 +84,21 @@ bool host_names_are_valid(const char *names)
 	const char *rest = names;
 	struct name n;
 
-	if (strcmp(names, "*") == 0)
+	if (strcmp(names, "*") == 0 || names[0] == '\0')
 		return true;
-	while (n = next_name(&rest), n.length > 0) {
-		if (is_name(n))
+	n = next_name(&rest);
+	if (n.length == 0) {
+		log_write(LOG_ERROR, "--hosts: there is no name in '%s'",
+		    names);
+		return false;
+	}
+	for (; n.length > 0; n = next_name(&rest)) {
+		if (is_name(n) || is_address(n))
 			continue;
 		log_write(LOG_ERROR, "--hosts: '%.*s' is no host name: "
-		    "letters, digits, - _ and dots, without scheme and port "
-		    "(addresses are allowed as they are); or * alone",
+		    "letters, digits, - _ and dots, without scheme and port; "
+		    "[...] about an IPv6 address, which is allowed anyway; or "
+		    "* alone",
 		    (int)n.length, n.at);
 		return false;
 	}
@@ -90,29 +118,13 @@ static struct name without_port(const char *host)
 	return n;
 }
 
-static bool is_address(struct name n)
-{
-	char text[INET6_ADDRSTRLEN + 1];
-	struct in6_addr address;
-	const bool is_v6 = n.length > 2 && n.at[0] == '[' &&
-	    n.at[n.length - 1] == ']';
-
-	if (is_v6)
-		n = (struct name){n.at + 1, n.length - 2};
-	if (n.length >= sizeof text)
-		return false;
-	memcpy(text, n.at, n.length);
-	text[n.length] = '\0';
-	return inet_pton(is_v6 ? AF_INET6 : AF_INET, text, &address) == 1;
-}
-
 static bool is_local(struct name n)
 {
 	static const char local[] = "localhost";
 	const size_t length = sizeof local - 1;
 	const size_t before = n.length >= length ? n.length - length : 0;
 
-	return n.length >= length &&
+	return is_name(n) && n.length >= length &&
 	    is_same((struct name){n.at + before, length},
 	    (struct name){local, length}) &&
 	    (before == 0 || (before > 1 && n.at[before - 1] == '.'));
