@@ -42,7 +42,8 @@ struct config {
 	size_t request_time;      /* seconds for a request's head, and its body
 	                           * besides what its size gives */
 	size_t work_time;         /* seconds that an evaluation may take of the
-	                           * device, a task of its thread; 0: any */
+	                           * device, a task of it and its thread's
+	                           * processor; 0: any */
 	size_t drain_time;        /* seconds, at most */
 	size_t drain_delay;       /* seconds between not ready and the drain */
 	char device_name[CONFIG_NAME_MAX]; /* or "" */

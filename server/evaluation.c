@@ -303,6 +303,8 @@ static enum err submit(struct evaluation *e)
 	enum err err;
 
 	e->submitted = clock_seconds();
+	if (exchange_is_late(e->x))
+		return ERR_CANCELLED;
 	if (e->job.deadline > 0.0 && e->submitted > e->job.deadline)
 		return ERR_DEADLINE;
 	atomic_fetch_add(&e->holders, 1);

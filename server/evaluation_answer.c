@@ -33,18 +33,32 @@ static bool is_wished(const struct evaluation *e)
 	    (e->job.result == ERR_CANCELLED && !exchange_is_connected(e->x));
 }
 
+static void log_cut(const struct evaluation *e)
+{
+	const struct exchange *x = e->x;
+	char target[EXCHANGE_TARGET_MAX];
+
+	log_mask_target(x->target, target, sizeof target);
+	if (e->overrun)
+		log_write(LOG_ERROR, "%s: the answer of %s was cut short: more "
+		    "pieces than there is room for", target, x->request_id);
+	else if (e->job.result == ERR_OVERTIME)
+		log_write(LOG_WARNING, "%s: the answer of %s was cut short: "
+		    "after %.3f s of the device's time; %zu s (--work-time) "
+		    "are the most", target, x->request_id, e->job.seconds,
+		    e->server->config->work_time);
+	else
+		log_write(is_wished(e) ? LOG_INFO : LOG_WARNING,
+		    "%s: the answer of %s was cut short: %s%s%s", target,
+		    x->request_id, err_message(e->job.result),
+		    e->job.message[0] != '\0' ? ": " : "", e->job.message);
+}
+
 /* The end of what e has, for the client to see that it is none. Where there was
  * no overrun the job is done, so that its result may be read. Locked. */
 static ptrdiff_t cut(const struct evaluation *e)
 {
-	if (e->overrun)
-		log_write(LOG_ERROR, "%s: the answer was cut short: more "
-		    "pieces than there is room for", e->x->target);
-	else
-		log_write(is_wished(e) ? LOG_INFO : LOG_WARNING,
-		    "%s: the answer was cut short: %s%s%s", e->x->target,
-		    err_message(e->job.result),
-		    e->job.message[0] != '\0' ? ": " : "", e->job.message);
+	log_cut(e);
 	/* For the metrics: it is a refusal, though the head said 200. */
 	if (!e->overrun && e->job.result == ERR_OVERTIME)
 		e->x->problem = PROBLEM_WORK_TIME;

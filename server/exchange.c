@@ -146,6 +146,13 @@ static void suspend(struct exchange *x)
 	MHD_suspend_connection(x->connection);
 }
 
+bool exchange_is_late(const struct exchange *x)
+{
+	const double closed = atomic_load(&x->server->closed);
+
+	return closed > 0.0 && x->arrived > closed;
+}
+
 void exchange_wait(struct exchange *x)
 {
 	if (x->is_away) {
@@ -320,6 +327,7 @@ static ssize_t read_stream(void *ctx, uint64_t at, char *out, size_t size)
 	end_pause(x);
 	http_note_progress(x, (size_t)at);
 	n = x->stream.read(x->stream.ctx, out, size);
+	x->is_cut = n == EXCHANGE_CUT;
 	x->answer_length = (size_t)at + (n > 0 ? (size_t)n : 0);
 	return n == EXCHANGE_END ? MHD_CONTENT_READER_END_OF_STREAM :
 	    n == EXCHANGE_CUT ? MHD_CONTENT_READER_END_WITH_ERROR : n;

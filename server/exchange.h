@@ -100,8 +100,10 @@ struct exchange {
 	bool waiting;
 	bool is_away;        /* a reader calls its handler */
 	bool waits_again;    /* which has called exchange_wait */
+	bool is_read;        /* libmicrohttpd waits for no more of it */
 	atomic_int parties;  /* that have to let go of it for it to go on */
 	bool hung_up;        /* answer nothing, close */
+	bool is_cut;         /* its answer ended before its end */
 	bool refused_midway; /* answered while the body was arriving */
 	bool discard;        /* the body is of no interest */
 	bool is_fed_up;      /* sink->feed has said so */
@@ -143,6 +145,9 @@ bool exchange_check_content_type(struct exchange *x, unsigned mask,
     enum media_type *out);
 
 /* ---- waiting ---- */
+
+/* Whether x arrived after the drain began, so that no work may be begun for it. */
+bool exchange_is_late(const struct exchange *x);
 
 /* Takes the connection out of HTTP's hands until exchange_resume. */
 void exchange_wait(struct exchange *x);

@@ -154,7 +154,8 @@ static void begin(struct exchange *x, const struct order *order)
 	x->state_free = free_job;
 	x->resumed = answer;
 	exchange_release_body(x);
-	err = orders_submit(x->server->orders, job);
+	err = exchange_is_late(x) ? ERR_CANCELLED :
+	    orders_submit(x->server->orders, job);
 	if (err != ERR_OK)
 		reply_refusal(x, err);
 }

@@ -105,6 +105,7 @@ static void log_exchange(const struct exchange *x)
 		.bytes_in = x->body_seen,
 		.bytes_out = x->answer_length,
 		.seconds = clock_seconds() - x->begun,
+		.is_cut = x->is_cut,
 	};
 
 	log_request(is_probe ? LOG_DEBUG : LOG_INFO, &request);
@@ -314,6 +315,13 @@ static enum MHD_Result dispatch(struct exchange *x)
 		return MHD_NO;
 	if (x->response != NULL)
 		return send_answer(x);
+	/* libmicrohttpd goes on, when x goes on, with what it was at when it was
+	 * suspended: if that was reading, it finds the end of a stream whose
+	 * client has no more to say, and drops the answer. Let it be done. */
+	if (readers_want(x) && !x->is_read) {
+		x->is_read = true;
+		return MHD_YES;
+	}
 	owe(x);
 	access_count_bytes(x, x->body_seen);
 	http_set_deadline(x, HTTP_NO_DEADLINE);

@@ -416,6 +416,8 @@ static void write_request(enum log_level level, const struct log_request *r,
 	at += sprintf(at, ",\"status\":%u,\"bytes_in\":%zu,\"bytes_out\":%zu,"
 	    "\"milliseconds\":%.3f", r->status, r->bytes_in, r->bytes_out,
 	    1e3 * r->seconds);
+	if (r->is_cut)
+		at += sprintf(at, ",\"cut\":true");
 	at += print_member("peer", r->peer, at);
 	at += print_member("token", r->token, at);
 	at += print_member("request_id", r->request_id, at);
@@ -440,6 +442,7 @@ static void write_request_text(enum log_level level,
 	char *at = line + sprintf(line, "%.*s %s %u %zu %.1f ms", FIELD_MAX,
 	    r->method, target, r->status, r->bytes_out, 1e3 * r->seconds);
 
+	at += print_word("", r->is_cut ? "cut" : "", at);
 	at += print_word("", r->request_id, at);
 	at += print_word("from ", r->peer, at);
 	at += print_word("as ", r->token, at);

@@ -48,12 +48,14 @@ struct log_request {
 	unsigned status;
 	size_t bytes_in, bytes_out;
 	double seconds;
+	bool is_cut; /* the answer ended before its end */
 };
 
 /*
- * Text: "METHOD TARGET STATUS BYTES_OUT MILLISECONDS ms REQUEST_ID from PEER as
- * TOKEN forwarded for "…"", the last quoted as in JSON, less what is "". JSON: a
- * member for each, "milliseconds" a number, less what is "".
+ * Text: "METHOD TARGET STATUS BYTES_OUT MILLISECONDS ms cut REQUEST_ID from PEER
+ * as TOKEN forwarded for "…"", the last quoted as in JSON, less what is "", and
+ * "cut" less where it is not. JSON: a member for each, "milliseconds" a number,
+ * less what is ""; "cut": true.
  */
 void log_request(enum log_level level, const struct log_request *request);
 

@@ -316,7 +316,8 @@ static bool is_drained(struct server *server, double *idle_since)
 {
 	double now = clock_seconds();
 
-	if (!tasks_are_idle(server->tasks) ||
+	if (!readers_are_idle(server->readers) ||
+	    !tasks_are_idle(server->tasks) ||
 	    !scheduler_is_idle(server->scheduler) ||
 	    http_owed(server->http) > 0) {
 		*idle_since = now;
@@ -326,10 +327,14 @@ static bool is_drained(struct server *server, double *idle_since)
 	    now - *idle_since > LINGER_SECONDS;
 }
 
-/* Has the scheduler refuse new evaluations, once no task is left that needs
- * them. */
-static void drain_scheduler(struct server *server)
+/* Has everybody refuse new work, once the readers have brought what had come;
+ * the scheduler, once no task is left that needs it, too. */
+static void close_parts(struct server *server)
 {
+	if (!readers_are_idle(server->readers))
+		return;
+	tasks_drain(server->tasks);
+	orders_drain(server->orders);
 	if (tasks_are_idle(server->tasks))
 		scheduler_drain(server->scheduler);
 }
@@ -366,9 +371,8 @@ static void begin_drain(struct server *server)
 	log_write(LOG_INFO, "draining");
 	events_drain(server->events);
 	http_quiesce(server->http);
-	tasks_drain(server->tasks);
-	drain_scheduler(server);
-	orders_drain(server->orders);
+	atomic_store(&server->closed, clock_seconds());
+	close_parts(server);
 }
 
 /* Readiness is the first to go. */
@@ -397,7 +401,7 @@ static void drain(struct daemon *d)
 		double seconds;
 		bool told = listen_for(&d->ears, 20) == TOLD_TO_STOP;
 
-		drain_scheduler(server);
+		close_parts(server);
 		notify_alive();
 		seconds = clock_seconds() - begin;
 		if (seconds > STALL_SECONDS)

@@ -37,6 +37,7 @@ struct readers {
 	pthread_mutex_t lock; /* guards: */
 	pthread_cond_t wake;
 	struct turns turns;
+	size_t busy;          /* threads that are at one */
 	bool has_smaller;     /* a thread has taken to the smaller ones */
 	bool is_stopping;
 };
@@ -68,18 +69,21 @@ static struct reading *await(struct readers *r, bool smaller_only)
 		pthread_cond_wait(&r->wake, &r->lock);
 		at = next_turn(r, smaller_only);
 	}
-	return *at != NULL ? reading_of(turns_serve(&r->turns, at)) : NULL;
+	if (*at == NULL)
+		return NULL;
+	r->busy++;
+	return reading_of(turns_serve(&r->turns, at));
 }
 
+/* Also where the client has sent the end of its stream: whether it has gone, or
+ * only has no more to say, is not to be seen, and a change is made all the same. */
 static void handle(struct exchange *x, bool is_stopping)
 {
 	if (is_stopping)
 		exchange_reply_problem(x, PROBLEM_DRAINING, NULL,
 		    "The server is shutting down and takes no new work.");
-	else if (exchange_is_connected(x))
-		x->route->handle(x);
 	else
-		exchange_reply_nothing(x);
+		x->route->handle(x);
 }
 
 static void *thread_main(void *arg)
@@ -101,6 +105,7 @@ static void *thread_main(void *arg)
 		handle(x, is_stopping);
 		exchange_hand_back(x);
 		pthread_mutex_lock(&r->lock);
+		r->busy--;
 	}
 	pthread_mutex_unlock(&r->lock);
 	return NULL;
@@ -122,6 +127,11 @@ static bool is_large(const struct exchange *x)
 {
 	return bytes_left(x) > AT_ONCE_BYTES &&
 	    strcmp(x->route->method, "PATCH") != 0;
+}
+
+bool readers_want(const struct exchange *x)
+{
+	return x->server->readers != NULL && is_large(x);
 }
 
 /* False: there are no threads any more. */
@@ -146,7 +156,7 @@ void readers_handle(struct exchange *x)
 	struct readers *r = x->server->readers;
 	struct reading *reading = NULL;
 
-	if (r != NULL && is_large(x))
+	if (readers_want(x))
 		reading = calloc(1, sizeof *reading);
 	if (reading != NULL) {
 		reading->x = x;
@@ -179,6 +189,16 @@ enum err readers_create(struct readers **out)
 	}
 	*out = r;
 	return ERR_OK;
+}
+
+bool readers_are_idle(struct readers *r)
+{
+	bool are;
+
+	pthread_mutex_lock(&r->lock);
+	are = r->turns.first == NULL && r->busy == 0;
+	pthread_mutex_unlock(&r->lock);
+	return are;
 }
 
 void readers_stop(struct readers *r)

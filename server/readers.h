@@ -21,12 +21,18 @@ struct readers;
 /* ERR_MEMORY, ERR_IO. */
 enum err readers_create(struct readers **out);
 
+/* Whether none is at work and nothing waits for one. */
+bool readers_are_idle(struct readers *r);
+
 /* Answers what waits with 503 and ends the threads, behind what they are at:
  * what comes later is handled where it is. NULL does nothing. */
 void readers_stop(struct readers *r);
 
 /* After readers_stop, and once no exchange is left. NULL does nothing. */
 void readers_free(struct readers *r);
+
+/* Whether readers_handle() has a reader handle x. */
+bool readers_want(const struct exchange *x);
 
 /*
  * Has x, whose body is complete, be handled: at once, or, if there is much of it

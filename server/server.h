@@ -36,6 +36,8 @@ struct server {
 	struct http *http;
 	double started;       /* clock_seconds */
 	atomic_bool draining; /* no new work; connections close after an answer */
+	_Atomic double closed; /* clock_seconds: work that arrives later is
+	                       * refused; 0: none is */
 };
 
 #endif

@@ -46,29 +46,34 @@ static void leave(void *state, struct server *server)
 	let_go(task);
 }
 
-/* What runs at all has been started by who asks, or before that. */
-static bool is_overtime(const struct task *task)
+double task_time_left(struct task *task)
 {
 	const size_t most = task->server->config->work_time;
 
-	return most > 0 && task->started > 0.0 &&
-	    clock_seconds() - task->started > (double)most;
+	task->own_seconds = clock_thread_seconds() - task->thread_started +
+	    task->device_seconds;
+	return most > 0 ? (double)most - task->own_seconds : INFINITY;
+}
+
+bool task_is_wanted(struct task *task)
+{
+	bool is_wanted;
+
+	if (task_pool_is_stopping(task->pool))
+		return false;
+	pthread_mutex_lock(&task->lock);
+	is_wanted = task->x != NULL && exchange_is_connected(task->x);
+	pthread_mutex_unlock(&task->lock);
+	return is_wanted;
 }
 
 enum err task_verdict(struct task *task)
 {
-	bool is_wanted;
-
 	if (task->deadline > 0.0 && clock_seconds() > task->deadline)
 		return ERR_DEADLINE;
-	if (is_overtime(task))
+	if (task->started > 0.0 && task_time_left(task) <= 0.0)
 		return ERR_OVERTIME;
-	if (task_pool_is_stopping(task->pool))
-		return ERR_CANCELLED;
-	pthread_mutex_lock(&task->lock);
-	is_wanted = task->x != NULL && exchange_is_connected(task->x);
-	pthread_mutex_unlock(&task->lock);
-	return is_wanted ? ERR_OK : ERR_CANCELLED;
+	return task_is_wanted(task) ? ERR_OK : ERR_CANCELLED;
 }
 
 static size_t bytes_of(const struct task *task)
@@ -118,9 +123,9 @@ static void reply_failure(struct exchange *x, const struct task *task)
 		    run_seconds(task));
 	else if (err == ERR_OVERTIME)
 		exchange_reply_problem(x, PROBLEM_WORK_TIME, NULL,
-		    "After %.3f s the work was given up; %zu s (--work-time) "
-		    "are the most. Ask for less at a time, or of a smaller "
-		    "document.", run_seconds(task),
+		    "After %.3f s of its thread and the device the work was "
+		    "given up; %zu s (--work-time) are the most. Ask for less "
+		    "at a time, or of a smaller document.", task->own_seconds,
 		    x->server->config->work_time);
 	else if (task->faults.count > 0)
 		evaluation_reply_faults(x, err, &task->faults);
@@ -267,6 +272,8 @@ static enum err submit(struct task *task)
 	enum err err;
 
 	task->queued = clock_seconds();
+	if (exchange_is_late(task->x))
+		return ERR_CANCELLED;
 	if (task->deadline > 0.0 && task->queued > task->deadline)
 		return ERR_DEADLINE;
 	atomic_fetch_add(&task->holders, 1);

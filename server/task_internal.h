@@ -39,6 +39,8 @@ struct task {
 	double begun;            /* when the request's head came */
 	double deadline;         /* clock_seconds; 0: none */
 	double queued, started, finished;
+	double thread_started;   /* clock_thread_seconds of its thread then */
+	double own_seconds;      /* the most that task_time_left has seen */
 	atomic_int holders;
 
 	enum err result;
@@ -68,9 +70,18 @@ struct task {
 /* task_sampler.c: makes task->sampler. */
 void task_init_sampler(struct task *task);
 
+/* Whether somebody waits for task. Any thread that holds it. */
+bool task_is_wanted(struct task *task);
+
 /* Why task is to be given up by now, or ERR_OK: ERR_DEADLINE, ERR_OVERTIME, or
- * ERR_CANCELLED. Any thread that holds it. */
+ * ERR_CANCELLED. The thread that works on it, or, before, any that holds it. */
 enum err task_verdict(struct task *task);
+
+/* Seconds of --work-time that task, which has been started, has not had yet, 0 or
+ * less: it has; infinite where there is no such limit. What counts is its thread's
+ * processor time and its launches' on the device, not what it waits for. Its
+ * thread. */
+double task_time_left(struct task *task);
 
 /* Has the exchange answer: once, after which task may be gone. */
 void task_end(struct task *task, enum err result);

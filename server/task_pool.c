@@ -136,6 +136,7 @@ static void *thread_main(void *arg)
 
 		pthread_mutex_unlock(&t->lock);
 		task->started = clock_seconds();
+		task->thread_started = clock_thread_seconds();
 		err = work_on(task);
 		pthread_mutex_lock(&t->lock);
 		t->stats.running--;

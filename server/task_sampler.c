@@ -1,6 +1,7 @@
 /*
  * A task's sampler: evaluations by the scheduler, one job at a time.
  */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
@@ -44,7 +45,7 @@ static bool wanted(void *ctx)
 {
 	const struct errand *e = ctx;
 
-	return task_verdict(e->task) == ERR_OK;
+	return task_is_wanted(e->task);
 }
 
 static void done(void *ctx)
@@ -149,6 +150,7 @@ static enum err sample(struct sampler *s, const float *points, size_t count,
 	    first += JOB_POINTS) {
 		const size_t left = count - first;
 		const size_t n = left < JOB_POINTS ? left : JOB_POINTS;
+		const double seconds = task_time_left(task);
 		struct errand e = {.task = task, .job = {
 			.program = task->scene->program,
 			.points = points + 3 * first,
@@ -157,13 +159,15 @@ static enum err sample(struct sampler *s, const float *points, size_t count,
 			.priority = n <= SCHEDULER_SMALL_POINTS ?
 			    JOB_INTERACTIVE : JOB_BULK,
 			.deadline = task->deadline,
+			.seconds_most = isfinite(seconds) ? seconds : 0.0,
 			.park = park,
 			.done = done,
 			.wanted = wanted,
 		}};
 
 		e.job.ctx = &e;
-		err = run(&e, columns * sizeof *rows, rows + columns * first);
+		err = seconds <= 0.0 ? ERR_OVERTIME :
+		    run(&e, columns * sizeof *rows, rows + columns * first);
 	}
 	return err;
 }

@@ -134,6 +134,38 @@ static void test_text_line_quotes_what_was_forwarded(void **state)
 	free(text);
 }
 
+static void test_text_line_says_that_the_answer_was_cut(void **state)
+{
+	struct log_request r = request_of("/v1/info");
+	struct capture c = begin_capture();
+	char *text;
+
+	(void)state;
+	r.is_cut = true;
+	log_set_format(LOG_TEXT);
+	log_request(LOG_INFO, &r);
+	text = end_capture(&c);
+	assert_non_null(strstr(text, " 200 1234 1.5 ms cut " ID
+	    " from 192.0.2.1 as ci\n"));
+	free(text);
+}
+
+static void test_json_line_says_that_the_answer_was_cut(void **state)
+{
+	struct log_request r = request_of("/v1/info");
+	struct capture c = begin_capture();
+	cJSON *json;
+
+	(void)state;
+	r.is_cut = true;
+	log_set_format(LOG_JSON);
+	log_request(LOG_INFO, &r);
+	json = end_json(&c);
+	assert_true(cJSON_IsTrue(cJSON_GetObjectItem(json, "cut")));
+	assert_string_equal(string_of(json, "peer"), "192.0.2.1");
+	cJSON_Delete(json);
+}
+
 static void test_json_line_of_a_request(void **state)
 {
 	struct log_request r = request_of("/v1/info");
@@ -181,6 +213,7 @@ static void test_json_leaves_out_what_is_empty(void **state)
 	assert_null(cJSON_GetObjectItem(json, "trace_id"));
 	assert_null(cJSON_GetObjectItem(json, "forwarded_for"));
 	assert_null(cJSON_GetObjectItem(json, "parent_id"));
+	assert_null(cJSON_GetObjectItem(json, "cut"));
 	cJSON_Delete(json);
 }
 
@@ -499,7 +532,9 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_text_line_of_a_request),
 		cmocka_unit_test(test_text_line_quotes_what_was_forwarded),
+		cmocka_unit_test(test_text_line_says_that_the_answer_was_cut),
 		cmocka_unit_test(test_json_line_of_a_request),
+		cmocka_unit_test(test_json_line_says_that_the_answer_was_cut),
 		cmocka_unit_test(test_json_leaves_out_what_is_empty),
 		cmocka_unit_test(test_levels_above_are_dropped),
 		cmocka_unit_test(test_json_escapes_every_byte),

@@ -496,7 +496,7 @@ def attack_by_half_closing(daemon):
             sock.sendall(text)
             sock.shutdown(socket.SHUT_WR)
             answer = drain(sock, 8)
-        assert statuses(answer) == expected, (text, answer)
+        assert statuses(answer) == expected, (text[:200], answer[:200])
 
     together([lambda case=case: check(*case) for case in (
             (SMUGGLED, [200]),
@@ -506,9 +506,17 @@ def attack_by_half_closing(daemon):
             (b"", []),
             (EVAL + b"Content-Length: 2\r\n\r\n{", []),
             (EVAL + b"Content-Length: 2\r\n\r\n{}", [422]),
+            (EVAL + b"Content-Length: 50002\r\n\r\n{%50000s}" % b"", [422]),
             (CHUNKED + b"2\r\n{}\r\n", []),
             (CHUNKED + b"2\r\n{}\r\n0\r\n\r\n", [422]))])
-
+    # Changes are made, also those that a thread of its own reads.
+    for i, size in enumerate((1000, 50000) * 3):
+        path, text = b"/v1/scenes/half%d" % i, json.dumps(SCENE).encode()
+        check(b"PUT %s HTTP/1.1\r\n" % path + HOST + JSON +
+              b"Content-Length: %d\r\n\r\n" % size + text.ljust(size), [201])
+        status, _ = daemon.ask(b"DELETE %s HTTP/1.1\r\n" % path + HOST +
+                               b"Connection: close\r\n\r\n")
+        assert status == 204, status
 
 def attack_by_idling(daemon):
     """Connections that say no more lock nobody out. All have said something:

@@ -33,12 +33,12 @@ NPY = {"Accept": "application/x-npy"}
 
 
 class Daemon:
-    def __init__(self, *more):
+    def __init__(self, *more, log=None):
         program = os.environ.get("BLOBFIELDD", "build/blobfieldd")
         self.process = subprocess.Popen(
             [program, *CACHE, "--no-measure", "--data", ":memory:", "--listen",
-             "127.0.0.1:0", "--quiet", "--no-measure", *more],
-            stdout=subprocess.PIPE, text=True)
+             "127.0.0.1:0", *(["--quiet"] if log is None else []), *more],
+            stdout=subprocess.PIPE, stderr=log, text=True)
         self.port = int(re.search(
             r":(\d+)$", self.process.stdout.readline().strip()).group(1))
         wait_until(lambda: self.ask("GET", "/readyz")[0] == 200)
@@ -78,8 +78,8 @@ class Daemon:
 
 
 @contextlib.contextmanager
-def running(*more):
-    daemon = Daemon(*more)
+def running(*more, log=None):
+    daemon = Daemon(*more, log=log)
     try:
         yield daemon
         assert daemon.stop() == 0
@@ -207,14 +207,75 @@ def test_hanging_up_and_sigterm_amid_large_ones():
             sock.close()
 
 
+def post(path, body):
+    return (b"POST /v1/%s HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n"
+            b"Content-Type: application/json\r\nContent-Length: %d\r\n\r\n"
+            % (path, len(body)) + body)
+
+
+def statuses_of(sock, out):
+    """Sends nothing more, and says in out what the answer is."""
+    with contextlib.suppress(OSError):
+        answer = sock.recv(100)
+        while sock.recv(1 << 20):
+            pass
+    out.append(answer[9:12].decode() or "none")
+
+
+def test_what_has_come_is_finished_on_sigterm():
+    """Also what waits for a thread that reads it."""
+    eval_body = ('{"points":%s,"scene":%s}' % (json.dumps(POINTS),
+                                              large(2 << 20))).encode()
+    rays = json.dumps({"rays": [[0, 0, 5, 0, 0, -1]] * 2000}).encode()
+    requests = [post(b"eval", eval_body),
+                post(b"scenes/ball/raycast", rays)] * 10
+    answers = []
+    with running() as d:
+        d.ask("PUT", "/v1/scenes/ball", BALL)
+        socks = [socket.create_connection(("127.0.0.1", d.port), PATIENCE)
+                 for _ in requests]
+        threads = [threading.Thread(target=sock.sendall, args=(text,))
+                   for sock, text in zip(socks, requests)]
+        threads += [threading.Thread(target=statuses_of, args=(sock, answers))
+                    for sock in socks]
+        for thread in threads:
+            thread.start()
+        for thread in threads[:len(socks)]:
+            thread.join()
+        # Whole; who asks is one of them.
+        wait_until(lambda: len(answers) + d.metric(
+            'blobfield_http_requests_active{state="arrived"}') >
+            len(requests))
+        before = len(answers)
+        assert d.stop() == 0
+        for thread in threads:
+            thread.join()
+        assert answers == ["200"] * len(requests), answers
+        return "%d of %d were still to be answered" % (
+            len(requests) - before, len(requests))
+
+
 # ---- work without end ----
+
+def check_log_of_cut(log):
+    log.seek(0)
+    lines = [json.loads(line) for line in log]
+    cut = [line for line in lines if "cut" in line]
+    assert [(line["request_id"], line["status"], line["cut"])
+            for line in cut] == [("cut-1", 200, True)], cut
+    why = [line["message"] for line in lines if line["level"] == "warning"]
+    assert len(why) == 1, why
+    for word in ("cut-1", "/v1/scenes/slow/grid", " 1 s (--work-time)"):
+        assert word in why[0], why
+
 
 def test_work_time_ends_what_takes_longer():
     volume = {"min": [-3] * 3, "max": [3] * 3, "counts": [190] * 3,
               "outputs": ["value", "gradient", "hessian"]}
     plane = {"center": [0, 0, 0], "normal": [0, 0, 1], "extent": 6,
              "width": 4000, "height": 1900}
-    with running("--work-time", "1") as d:
+    with tempfile.TemporaryFile("w+") as log, \
+            running("--work-time", "1", "--log-format", "json", log=log) as d:
         d.ask("PUT", "/v1/scenes/few", camel(12, 0.1, 2))
         d.ask("PUT", "/v1/scenes/slow", camel(100, 0.01, 3))
         for path, body in [
@@ -229,7 +290,8 @@ def test_work_time_ends_what_takes_longer():
             assert b"--work-time" in said, said
         # What has begun to leave is cut, for the client to see it.
         try:
-            d.ask("POST", "/v1/scenes/slow/grid", volume, NPY)
+            d.ask("POST", "/v1/scenes/slow/grid", volume,
+                  dict(NPY, **{"X-Request-Id": "cut-1"}))
             raise AssertionError("it came whole")
         except http.client.IncompleteRead as e:
             assert e.partial
@@ -238,9 +300,44 @@ def test_work_time_ends_what_takes_longer():
                      {"scene": BALL, "points": POINTS})[0] == 200
         wait_until(lambda: d.metric(
             'blobfield_problems_total{reason="work-time"}') == 4)
-        assert d.metric("blobfield_queue_held_bytes") == 0
-        assert d.metric("blobfield_tasks_held_bytes") == 0
-        assert d.metric('blobfield_queue_jobs{state="running"}') == 0
+        for name in ("blobfield_queue_held_bytes",
+                     "blobfield_tasks_held_bytes",
+                     'blobfield_queue_jobs{state="running"}'):
+            wait_until(lambda name=name: d.metric(name) == 0)
+        # Nobody has gone.
+        assert d.metric("blobfield_jobs_abandoned_total") == 0
+        assert d.metric("blobfield_tasks_abandoned_total") == 0
+        check_log_of_cut(log)
+
+
+def test_work_time_of_a_task_is_its_own():
+    """Not what it waits for others' evaluations: its turns come seldom."""
+    others = 20
+    volume = {"min": [-3] * 3, "max": [3] * 3, "counts": [80] * 3}
+    with running("--work-time", "1") as d:
+        d.ask("PUT", "/v1/scenes/slow", camel(100, 0.01, 3))
+        asked = [d.send("/v1/scenes/slow/grid", volume)
+                 for _ in range(others)]
+        # Some may have had their second before the last has come.
+        wait_until(lambda: d.metric(
+            'blobfield_queue_jobs{state="running"}') >= others / 2)
+        # 0.1 s of the device by itself, 2 s beside them.
+        for width in (270, 400, 500):
+            with contextlib.closing(d.send("/v1/scenes/slow/slice", {
+                    "center": [0, 0, 0], "normal": [0, 0, 1], "extent": 6,
+                    "width": width, "height": width})) as c:
+                reply = c.getresponse()
+                body = reply.read()
+            assert reply.status == 200, body[:300]
+            timing = dict(re.findall(r"(\w+);dur=([0-9.]+)",
+                                     reply.getheader("Server-Timing")))
+            if float(timing["work"]) > 1000:
+                break
+        for connection in asked:
+            connection.close()
+        assert float(timing["work"]) > 1000, timing
+        return "a task of %s ms, %s of the device, with 1 s" % (
+            timing["work"], timing["device"])
 
 
 # ---- one who asks for much ----
