@@ -49,6 +49,8 @@ struct backing_volume {
 	size_t length;
 	bool is_forgotten;
 	const char *owner;       /* a token's name, or ""; NULL: not told */
+	char *kept_owner;        /* set by put_volume, unless NULL: whose it is
+	                          * now; room for TOKEN_NAME_MAX + 1 */
 };
 
 /* Who is told what a backing has. Non-OK ends the loading, with that. */
@@ -96,8 +98,8 @@ struct backing_ops {
 	 * it is told. ERR_NOT_FOUND. */
 	enum err (*read)(struct backing *b, const char *id, const char *etag,
 	    const struct backing_reader *reader);
-	/* Not forgotten, nor v->owner's, if it is there and not forgotten where
-	 * several write: then it stays whose it is. */
+	/* Not forgotten. If it is there and not forgotten it stays whose it is,
+	 * else it is v->owner's. */
 	enum err (*put_volume)(struct backing *b,
 	    const struct backing_volume *v);
 	/* Marked as forgotten, or, is_gone, removed, if it is marked. ERR_BUSY:
@@ -107,6 +109,9 @@ struct backing_ops {
 	/* A volume kept elsewhere. ERR_NOT_FOUND. NULL: nobody else writes. */
 	enum err (*get_volume)(struct backing *b, const char *id,
 	    const struct backing_reader *reader);
+	/* Has read() come to its end, and refuse from now on. Any thread. NULL:
+	 * it does not take long. */
+	void (*stop_reading)(struct backing *b);
 	/* Whether it can be written now; for /readyz, metrics. Any thread. */
 	bool (*is_well)(struct backing *b);
 	void (*free)(struct backing *b);

@@ -502,7 +502,8 @@ static enum err tell_read(const redisReply *reply, const char *id,
 /* Who is known to be away, or has just not answered, is not waited for. */
 static bool may_read(const struct backing_redis *b)
 {
-	return atomic_load(&b->is_well) && (b->failed == 0.0 ||
+	return !atomic_load(&b->is_read_over) && atomic_load(&b->is_well) &&
+	    (b->failed == 0.0 ||
 	    clock_seconds() - b->failed > READ_PAUSE_SECONDS);
 }
 
@@ -539,14 +540,23 @@ static enum err read_old(struct backing *backing, const char *id,
 
 	if (!may_read(b))
 		return ERR_UNAVAILABLE;
-	if (backing_redis_link_open(&b->reader) == ERR_OK)
+	if (backing_redis_link_open(&b->reader) == ERR_OK &&
+	    !atomic_load(&b->is_read_over))
 		reply = ask_for_old(b, id, etag);
-	if (b->reader.context == NULL)
+	if (b->reader.context == NULL && !atomic_load(&b->is_read_over))
 		note_failed_read(b);
 	err = reply != NULL ? tell_read(reply, id, etag, reader) :
 	    ERR_UNAVAILABLE;
 	freeReplyObject(reply);
 	return err;
+}
+
+static void stop_reading(struct backing *backing)
+{
+	struct backing_redis *b = (struct backing_redis *)backing;
+
+	atomic_store(&b->is_read_over, true);
+	backing_redis_link_break(&b->reader);
 }
 
 /* ---- volumes ---- */
@@ -584,20 +594,23 @@ static bool is_word(const redisReply *reply, const char *word)
 	    strcmp(reply->str, word) == 0;
 }
 
-/* As its script says what has become of it. */
+/* As its script says what has become of it, and whose it is. */
 static enum err read_volume_result(struct backing_redis *b,
-    const redisReply *reply)
+    const redisReply *reply, const struct backing_volume *v)
 {
 	struct scene_seq seq;
 
-	if (reply == NULL || is_word(reply, "late"))
-		return ERR_UNAVAILABLE;
 	if (is_word(reply, "early"))
 		return ERR_BUSY;
-	if (reply->len == 0)
+	if (is_word(reply, ""))
 		return ERR_NOT_FOUND;
-	if (scene_seq_parse(reply->str, &seq))
+	if (reply == NULL || !backing_redis_has_strings(reply, 2))
+		return ERR_UNAVAILABLE; /* "late", too */
+	if (scene_seq_parse(reply->element[0]->str, &seq))
 		backing_redis_note_made(b, seq, NULL);
+	if (v->kept_owner != NULL)
+		snprintf(v->kept_owner, TOKEN_NAME_MAX + 1, "%s",
+		    reply->element[1]->str);
 	return ERR_OK;
 }
 
@@ -622,7 +635,7 @@ static enum err change_volume(struct backing_redis *b, const char *kind,
 	pthread_mutex_lock(&b->lock);
 	b->settled = b->begun;
 	pthread_mutex_unlock(&b->lock);
-	err = read_volume_result(b, reply);
+	err = read_volume_result(b, reply, v);
 	freeReplyObject(reply);
 	end(b);
 	return err;
@@ -931,6 +944,7 @@ static const struct backing_ops ops = {
 	.commit = commit,
 	.refresh = refresh,
 	.read = read_old,
+	.stop_reading = stop_reading,
 	.put_volume = put_volume,
 	.forget_volume = forget_volume,
 	.get_volume = get_volume,
@@ -949,6 +963,7 @@ static void init(struct backing_redis *b)
 	pthread_condattr_destroy(&monotonic);
 	pthread_mutex_init(&b->lock, NULL);
 	atomic_init(&b->is_well, false);
+	atomic_init(&b->is_read_over, false);
 	backing_redis_link_init(&b->link, &b->url);
 	backing_redis_link_init(&b->follower, &b->url);
 	backing_redis_link_init(&b->reader, &b->url);

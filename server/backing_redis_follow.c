@@ -275,16 +275,18 @@ static enum err tell(struct follower *f, const struct entry *entry)
 	return err;
 }
 
-/* Whether a later entry is about the same: then that one tells it. */
-static bool is_outdated(const redisReply *entries, size_t at,
-    const struct entry *entry)
+/* Whether a later entry is about the same: then that one tells it; of a volume not
+ * if this daemon has made that one, which is not told. */
+static bool is_outdated(struct follower *f, const redisReply *entries,
+    size_t at, const struct entry *entry)
 {
 	struct entry other;
 
 	for (size_t i = at + 1; i < entries->elements; i++)
 		if (read_entry(entries->element[i], &other) &&
 		    is_of_scene(&other) == is_of_scene(entry) &&
-		    strcmp(other.id, entry->id) == 0)
+		    strcmp(other.id, entry->id) == 0 &&
+		    (is_of_scene(entry) || !is_known(f, &other)))
 			return true;
 	return false;
 }
@@ -314,7 +316,7 @@ static enum err tell_all(struct follower *f, const redisReply *entries)
 			note_hole(f, "changes are missing in the stream");
 			return ERR_OK;
 		}
-		if (!is_outdated(entries, i, &entry))
+		if (!is_outdated(f, entries, i, &entry))
 			err = tell(f, &entry);
 		if (err == ERR_OK)
 			snprintf(f->position, sizeof f->position, "%s",

@@ -76,6 +76,7 @@ struct backing_redis {
 	pthread_t thread;
 
 	/* The reader's, of older revisions. */
+	atomic_bool is_read_over; /* it is to end */
 	struct backing_redis_link reader;
 	double failed;           /* clock_seconds, when it did last; or 0 */
 };

@@ -96,21 +96,29 @@ void backing_redis_link_break(struct backing_redis_link *link)
 	pthread_mutex_unlock(&link->lock);
 }
 
-/* Closes, and keeps what it was lost by. */
-static void lose(struct backing_redis_link *link)
+static const char *why_lost(struct backing_redis_link *link)
 {
 	const redisContext *c = link->context;
 
-	link->is_slow = c != NULL && (link->tls != NULL ||
-	    c->err == REDIS_ERR_IO) && (errno == EAGAIN || errno == EWOULDBLOCK || errno == ETIMEDOUT);
 	if (link->is_slow)
-		snprintf(link->message, sizeof link->message,
-		    "no answer in time");
-	else
-		snprintf(link->message, sizeof link->message, "%s",
-		    c == NULL ? "out of memory" : link->tls != NULL &&
-		    c->err == 0 ? backing_redis_tls_why(link->tls) :
-		    c->errstr);
+		return "no answer in time";
+	if (c == NULL || (link->tls != NULL && errno == ENOMEM))
+		return "out of memory";
+	return link->tls != NULL && c->err == 0 ?
+	    backing_redis_tls_why(link->tls) : c->errstr;
+}
+
+/* Closes, and keeps what it was lost by, which errno says, too. */
+static void lose(struct backing_redis_link *link)
+{
+	const redisContext *c = link->context;
+	/* By TLS c knows only of answers that are none. */
+	const bool is_of_socket = c != NULL && c->err ==
+	    (link->tls != NULL ? 0 : REDIS_ERR_IO);
+
+	link->is_slow = is_of_socket && (errno == EAGAIN ||
+	    errno == EWOULDBLOCK || errno == ETIMEDOUT);
+	snprintf(link->message, sizeof link->message, "%s", why_lost(link));
 	backing_redis_link_close(link);
 }
 
@@ -125,8 +133,10 @@ static bool send_tls(struct backing_redis_link *link,
 	    call->lengths);
 	bool is_sent;
 
-	if (length < 0)
+	if (length < 0) {
+		errno = ENOMEM;
 		return false;
+	}
 	is_sent = backing_redis_tls_send(link->tls, text, (size_t)length);
 	redisFreeCommand(text);
 	return is_sent;
@@ -149,8 +159,11 @@ static bool get_tls(struct backing_redis_link *link, void **reply)
 		n = backing_redis_tls_receive(link->tls, bytes, sizeof bytes);
 		if (n <= 0)
 			return false;
-		if (redisReaderFeed(c->reader, bytes, (size_t)n) != REDIS_OK)
+		if (redisReaderFeed(c->reader, bytes, (size_t)n) !=
+		    REDIS_OK) {
+			errno = ENOMEM;
 			return false;
+		}
 	}
 }
 

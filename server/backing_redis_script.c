@@ -120,14 +120,21 @@ static const char volume[] =
 "	end\n"
 "	redis.call('HSET', volume, 'data', data, 'forgotten', 0,\n"
 "	    'owner', owner)\n"
+"	redis.call('HDEL', volume, 'was')\n"
 "	redis.call('SADD', volumes, id)\n"
 "elseif kind == 'forget' then\n"
+/* Who keeps it anew and knows of no owners leaves it nobody's. */
+"	if there[1] == '0' then\n"
+"		redis.call('HSET', volume, 'was',\n"
+"		    redis.call('HGET', volume, 'owner') or '')\n"
+"		redis.call('HDEL', volume, 'owner')\n"
+"	end\n"
 "	redis.call('HSET', volume, 'forgotten', 1, 'since', now)\n"
 "else\n"
 "	redis.call('DEL', volume)\n"
 "	redis.call('SREM', volumes, id)\n"
 "end\n"
-"return seq\n";
+"return {seq, owner}\n";
 
 const char *const backing_redis_scripts[SCRIPT_COUNT] = {
 	[SCRIPT_COMMIT] = commit,

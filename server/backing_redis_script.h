@@ -8,7 +8,8 @@
  *                texts that were kept when the present one was SEQ
  *   history:ID   list, newest first: "SEQ ETAG NODES BYTES"
  *   scenes       set of the ids
- *   volume:ID    hash: data, forgotten (0, 1), since (ms since 1970), owner
+ *   volume:ID    hash: data, forgotten (0, 1), since (ms since 1970), owner; of
+ *                a forgotten one was, its owner until then, instead
  *   volumes      set of the ids
  *   changes      stream of all changes: kind, id, etag, nodes, bytes, token,
  *                prev, before; its ids are the sequence numbers
@@ -43,8 +44,9 @@ enum backing_redis_script {
 	/* KEYS volume volumes changes last; ARGV kind ("volume", "forget",
 	 * "gone"), id, data, token, entries to keep, grace (ms after it was
 	 * forgotten in which it is not removed), the latest time, owner. Gives
-	 * seq; "": there is none, or it is not forgotten; "early"; "late". The
-	 * owner of what is there and not forgotten stays. */
+	 * {seq, owner} (of "volume": whose it is); "": there is none, or it is
+	 * not forgotten; "early"; "late". The owner of what is there and not
+	 * forgotten stays. */
 	SCRIPT_VOLUME,
 	SCRIPT_COUNT
 };

@@ -154,6 +154,16 @@ static void explain(const struct backing_redis_tls *tls, int code, char *why)
 	trim(why);
 }
 
+/* Whether a handshake fails so where nobody speaks TLS. */
+static bool is_no_tls(int code)
+{
+	return code == GNUTLS_E_TIMEDOUT ||
+	    code == GNUTLS_E_PREMATURE_TERMINATION ||
+	    code == GNUTLS_E_UNEXPECTED_PACKET ||
+	    code == GNUTLS_E_UNEXPECTED_PACKET_LENGTH ||
+	    code == GNUTLS_E_UNSUPPORTED_VERSION_PACKET;
+}
+
 enum err backing_redis_tls_open(const struct backing_redis_url *url, int fd,
     unsigned milliseconds, struct backing_redis_tls **out,
     char why[static BACKING_REDIS_TLS_WHY_MAX])
@@ -183,6 +193,9 @@ enum err backing_redis_tls_open(const struct backing_redis_url *url, int fd,
 			code = 0;
 	}
 	explain(tls, code, why);
+	if (is_no_tls(code))
+		strncat(why, " (does it speak TLS?)",
+		    BACKING_REDIS_TLS_WHY_MAX - 1 - strlen(why));
 	backing_redis_tls_close(tls);
 	return ERR_UNAVAILABLE;
 }
@@ -253,8 +266,10 @@ ssize_t backing_redis_tls_receive(struct backing_redis_tls *tls, void *out,
 	do
 		n = gnutls_record_recv(tls->session, out, size);
 	while (n < 0 && goes_on(tls, n, until));
-	if (n == 0)
+	if (n == 0) {
 		tls->code = 0;
+		errno = ECONNRESET; /* whatever an earlier record has left */
+	}
 	return n < 0 ? -1 : n;
 }
 

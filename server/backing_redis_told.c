@@ -129,7 +129,20 @@ struct redisReply *backing_redis_fetch_volume(struct backing_redis *b,
 	backing_redis_call_text(&call, "data");
 	backing_redis_call_text(&call, "forgotten");
 	backing_redis_call_text(&call, "owner");
+	backing_redis_call_text(&call, "was");
 	return backing_redis_link_do(link, &call);
+}
+
+/* Kept by daemons that knew of no owners, it has none. */
+static const char *owner_of(const redisReply *reply, bool is_forgotten)
+{
+	if (reply->elements > 2 &&
+	    reply->element[2]->type == REDIS_REPLY_STRING)
+		return reply->element[2]->str;
+	if (is_forgotten && reply->elements > 3 &&
+	    reply->element[3]->type == REDIS_REPLY_STRING)
+		return reply->element[3]->str;
+	return "";
 }
 
 enum err backing_redis_tell_volume(const struct redisReply *reply,
@@ -144,8 +157,6 @@ enum err backing_redis_tell_volume(const struct redisReply *reply,
 	v.data = reply->element[0]->str;
 	v.length = (size_t)reply->element[0]->len;
 	v.is_forgotten = reply->element[1]->str[0] == '1';
-	/* Kept by daemons that knew of no owners, it has none. */
-	v.owner = backing_redis_has_strings(reply, 3) ?
-	    reply->element[2]->str : "";
+	v.owner = owner_of(reply, v.is_forgotten);
 	return reader->volume(reader->ctx, &v);
 }

@@ -59,8 +59,9 @@ static const char *const sql[QUERY_COUNT] = {
 	[CUT] = "DELETE FROM revision WHERE scene = ?1 AND seq <= ?2",
 	[SET_BYTES] = "UPDATE scene SET bytes = ?2 WHERE id = ?1",
 	[DELETE_SCENE] = "DELETE FROM scene WHERE id = ?1",
-	[MARK_VOLUME] = "UPDATE volume SET is_forgotten = ?3, owner = ?4"
-	    " WHERE id = ?1 AND length = ?2",
+	[MARK_VOLUME] = "UPDATE volume SET is_forgotten = ?3, owner = CASE"
+	    " is_forgotten WHEN 0 THEN owner ELSE ?4 END"
+	    " WHERE id = ?1 AND length = ?2 RETURNING owner",
 	[PUT_VOLUME] = "INSERT INTO volume (id, length, is_forgotten,"
 	    " owner) VALUES (?1, ?2, ?3, ?4)",
 	[PUT_PIECE] = "INSERT INTO volume_piece (volume, number, data)"
@@ -84,6 +85,7 @@ struct backing_sqlite {
 	sqlite3_int64 last; /* seq that is known to be kept */
 	bool is_closed;     /* a failure has closed the file */
 	bool is_replaced;   /* and it was another one */
+	bool is_another;    /* when it was opened last, it was another one */
 	bool is_in_doubt;   /* whether the last transaction is kept */
 
 	/* Guards what follows, and is held while the file is opened anew. */
@@ -218,6 +220,7 @@ static enum err reopen_alone(struct backing_sqlite *s, bool *is_other)
 		return ERR_UNAVAILABLE;
 	}
 	s->is_closed = s->is_replaced = false;
+	s->is_another = is_replaced;
 	*is_other = last != s->last || is_replaced;
 	s->last = last;
 	return ERR_OK;
@@ -313,7 +316,12 @@ static enum err end(struct backing_sqlite *s, int code, sqlite3_int64 last)
 	s->is_in_doubt = true;
 	if (reopen(s, &is_other) != ERR_OK || !is_other)
 		return ERR_UNAVAILABLE;
-	return s->last == last ? ERR_OK : ERR_UNAVAILABLE;
+	if (s->last == last && !s->is_another)
+		return ERR_OK;
+	/* Nothing that is known is of this file; nor is it to be repeated. */
+	s->is_in_doubt = false;
+	s->options.lost(s->options.changed.ctx);
+	return ERR_UNAVAILABLE;
 }
 
 /* ---- writing ---- */
@@ -512,7 +520,8 @@ static int find_pasts(struct backing_sqlite *s, struct pasts *pasts)
 	return code == SQLITE_DONE ? SQLITE_OK : code;
 }
 
-/* Where it cannot be done, it is at each scene's next change. */
+/* Where it cannot be done, it is at each scene's next change. If the file turns out
+ * to be another one, end() has said that what was loaded is lost. */
 static void trim_all(struct backing_sqlite *s)
 {
 	struct pasts pasts = {NULL, 0};
@@ -917,7 +926,7 @@ static int put_piece(struct backing_sqlite *s, const struct backing_volume *v,
 	return finish(s, q);
 }
 
-static int run_for(struct backing_sqlite *s, enum query which,
+static sqlite3_stmt *query_for(struct backing_sqlite *s, enum query which,
     const struct backing_volume *v)
 {
 	sqlite3_stmt *q = query(s, which);
@@ -928,18 +937,44 @@ static int run_for(struct backing_sqlite *s, enum query which,
 		sqlite3_bind_int(q, 3, v->is_forgotten);
 		bind_text(q, 4, v->owner != NULL ? v->owner : "");
 	}
-	return finish(s, q);
+	return q;
+}
+
+static void note_kept_owner(const struct backing_volume *v, const char *owner)
+{
+	if (v->kept_owner != NULL)
+		snprintf(v->kept_owner, TOKEN_NAME_MAX + 1, "%s",
+		    owner != NULL ? owner : "");
+}
+
+/* One that is there is v's, or stays whose it was. */
+static int mark_volume(struct backing_sqlite *s,
+    const struct backing_volume *v, bool *there)
+{
+	sqlite3_stmt *q = query_for(s, MARK_VOLUME, v);
+	int code;
+
+	if (q == NULL)
+		return sqlite3_errcode(s->file.db);
+	code = sqlite3_step(q);
+	*there = code == SQLITE_ROW;
+	note_kept_owner(v, *there ? (const char *)sqlite3_column_text(q, 0) :
+	    v->owner);
+	sqlite3_reset(q);
+	sqlite3_clear_bindings(q);
+	return code == SQLITE_ROW || code == SQLITE_DONE ? SQLITE_OK : code;
 }
 
 /* One that is there is not written again: its id is that of its content. */
 static int put_pieces(struct backing_sqlite *s,
     const struct backing_volume *v)
 {
-	int code = run_for(s, MARK_VOLUME, v);
+	bool there = false;
+	int code = mark_volume(s, v, &there);
 
-	if (code != SQLITE_OK || sqlite3_changes(s->file.db) > 0)
+	if (code != SQLITE_OK || there)
 		return code;
-	code = run_for(s, PUT_VOLUME, v);
+	code = finish(s, query_for(s, PUT_VOLUME, v));
 	for (size_t at = 0; at < v->length && code == SQLITE_OK; at += PIECE)
 		code = put_piece(s, v, at);
 	return code;

@@ -108,6 +108,7 @@ struct exchange {
 	bool discard;        /* the body is of no interest */
 	bool is_fed_up;      /* sink->feed has said so */
 	size_t body_size;    /* memory accounted for */
+	size_t text_size;    /* the same by http_take_text */
 	size_t body_seen;    /* bytes that have arrived */
 	struct exchange_stream stream;
 	double begun;        /* when the request line came, clock_seconds */

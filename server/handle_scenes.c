@@ -263,13 +263,12 @@ static void answer_revision(struct exchange *x)
 		scene_reply_changed(x);
 		return;
 	}
-	/* Until its reader has taken it; given back with x's body. */
-	if (!http_take_bytes(x->server->http, w->change.length)) {
+	/* Until its reader has taken it. */
+	if (!http_take_text(x, w->change.length)) {
 		exchange_reply_problem(x, PROBLEM_MEMORY, NULL,
 		    "Too many large texts are on their way at once.");
 		return;
 	}
-	x->body_size += w->change.length;
 	exchange_reply_data(x, precondition_none_match(&precondition,
 	    w->change.etag) ? 200 : 304, MEDIA_JSON, w->change.text,
 	    w->change.length);

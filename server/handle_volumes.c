@@ -193,7 +193,7 @@ struct waiting {
 	struct backing_volume volume;
 	struct volume_entry entry;
 	void *data;       /* of volume */
-	bool is_new;
+	char payer[TOKEN_NAME_MAX + 1];
 	struct exchange *x;
 };
 
@@ -206,16 +206,13 @@ static void free_waiting(void *state, struct server *server)
 	free(w);
 }
 
-/* It is seen only now that it is kept, or goes. */
+/* Kept, it has been settled, and is whose it was kept as. */
 static void settle(struct waiting *w)
 {
-	struct volume_store *volumes = w->x->server->volumes;
-	bool is_done = w->change.result == ERR_OK;
-
-	if (w->change.kind == VOLUME_KEEP)
-		volume_store_settle(volumes, w->entry.id, is_done);
-	else if (is_done)
-		volume_store_delete(volumes, w->entry.id);
+	if (w->change.kind == VOLUME_KEEP && w->change.result != ERR_OK)
+		volume_store_settle(w->x->server->volumes, w->entry.id, NULL);
+	else if (w->change.kind == VOLUME_KEEP)
+		strcpy(w->entry.owner, w->change.owner);
 	free(w->data);
 	w->data = NULL;
 }
@@ -238,7 +235,7 @@ static void answer(struct exchange *x)
 		    "changed.", w->change.kind == VOLUME_KEEP ? "kept" :
 		    "deleted", err_message(w->change.result));
 	else if (w->change.kind == VOLUME_KEEP)
-		reply_kept(x, &w->entry, w->is_new);
+		reply_kept(x, &w->entry, !w->change.replaced);
 	else
 		exchange_reply_empty(x, 204);
 }
@@ -249,7 +246,7 @@ static void submit(struct exchange *x, struct waiting *w,
 {
 	w->x = x;
 	w->volume.id = w->entry.id;
-	w->volume.owner = w->entry.owner;
+	w->volume.owner = w->payer;
 	w->change.kind = kind;
 	w->change.volume = &w->volume;
 	w->change.done = on_done;
@@ -276,6 +273,7 @@ static enum err encode(struct waiting *w, const struct wanted *wanted,
 	struct vec3 min = vec3(wanted->min[0], wanted->min[1], wanted->min[2]);
 	struct vec3 max = vec3(wanted->max[0], wanted->max[1], wanted->max[2]);
 	struct grid kept = *grid;
+	bool is_new;
 	enum err err = volume_store_encode(grid, min, max, wanted->is_distance,
 	    &w->data, &w->volume.length);
 
@@ -285,7 +283,7 @@ static enum err encode(struct waiting *w, const struct wanted *wanted,
 	w->volume.data = w->data;
 	kept.samples = volume_store_samples(w->data);
 	return volume_store_add(w->x->server->volumes, &kept, min, max,
-	    wanted->is_distance, payer, &w->entry, &w->is_new);
+	    wanted->is_distance, payer, &w->entry, &is_new);
 }
 
 static void keep(struct exchange *x, const struct wanted *wanted,
@@ -300,6 +298,7 @@ static void keep(struct exchange *x, const struct wanted *wanted,
 	if (w == NULL)
 		return;
 	w->x = x;
+	snprintf(w->payer, sizeof w->payer, "%s", payer.owner);
 	err = encode(w, wanted, grid, &payer);
 	if (err == ERR_OK) {
 		submit(x, w, VOLUME_KEEP);

@@ -138,6 +138,7 @@ static void on_complete(void *ctx, struct MHD_Connection *connection,
 	if (x->state != NULL)
 		x->state_free(x->state, x->server);
 	exchange_release_body(x);
+	http_return_text(x);
 	if (x->response != NULL)
 		MHD_destroy_response(x->response);
 	for (int i = 0; i < EXCHANGE_JOINED_MAX; i++)

@@ -88,4 +88,10 @@ void http_note_progress(struct exchange *x, size_t taken);
 bool http_take_bytes(struct http *h, size_t bytes);
 void http_return_bytes(struct http *h, size_t bytes);
 
+/* The same for a text that was read for an answer and is in memory until that has
+ * left, which slow readers decide: apart from bodies, so that those are not refused.
+ * Given back at the exchange's end. */
+bool http_take_text(struct exchange *x, size_t bytes);
+void http_return_text(struct exchange *x);
+
 #endif

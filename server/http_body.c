@@ -21,22 +21,47 @@
 /* All bodies together, but at least two of the largest. */
 #define BODIES_MAX ((size_t)1 << 30)
 
+/* The same of texts read for answers: each was a body. */
+#define TEXTS_MAX ((size_t)256 << 20)
+
 /* ---- body memory ---- */
+
+static bool take_of(const struct http *h, atomic_size_t *taken, size_t most,
+    size_t bytes)
+{
+	const size_t body = h->server->config->max_body;
+
+	most = body > most / 2 ? 2 * body : most;
+	if (atomic_fetch_add(taken, bytes) + bytes <= most)
+		return true;
+	atomic_fetch_sub(taken, bytes);
+	return false;
+}
 
 bool http_take_bytes(struct http *h, size_t bytes)
 {
-	size_t most = h->server->config->max_body;
-
-	most = most > BODIES_MAX / 2 ? 2 * most : BODIES_MAX;
-	if (atomic_fetch_add(&h->bytes, bytes) + bytes <= most)
-		return true;
-	atomic_fetch_sub(&h->bytes, bytes);
-	return false;
+	return take_of(h, &h->bytes, BODIES_MAX, bytes);
 }
 
 void http_return_bytes(struct http *h, size_t bytes)
 {
 	atomic_fetch_sub(&h->bytes, bytes);
+}
+
+bool http_take_text(struct exchange *x, size_t bytes)
+{
+	struct http *h = x->server->http;
+
+	if (!take_of(h, &h->texts, TEXTS_MAX, bytes))
+		return false;
+	x->text_size += bytes;
+	return true;
+}
+
+void http_return_text(struct exchange *x)
+{
+	atomic_fetch_sub(&x->server->http->texts, x->text_size);
+	x->text_size = 0;
 }
 
 /* ---- bodies ---- */

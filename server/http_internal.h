@@ -65,6 +65,7 @@ struct http {
 	atomic_size_t active; /* requests begun and not yet answered */
 	atomic_size_t owed;   /* those of them that have arrived */
 	atomic_size_t bytes;  /* of bodies */
+	atomic_size_t texts;  /* bytes of texts read for answers */
 	pthread_mutex_t lock; /* guards connections, with what is below */
 	struct connection *connections;
 	size_t count;         /* of those that are not shut */

@@ -9,6 +9,8 @@
 
 #include "server/clock.h"
 #include "server/scene_store_internal.h"
+#include "server/server.h"
+#include "server/volume_store.h"
 
 /* Attempts where other daemons change the same scene again and again. */
 #define ATTEMPTS_MAX 32
@@ -405,20 +407,46 @@ static void decide(struct group *g, struct scene_change *change)
 	add(g, change, err == ERR_OK && !change->unchanged);
 }
 
+/* Volumes change in memory as they are kept: in this order, and before anybody tells
+ * of later changes made elsewhere. */
+static enum err keep_volume(struct scene_store *store,
+    struct scene_change *change)
+{
+	struct backing_volume v = *change->volume;
+	enum err err;
+
+	v.kept_owner = change->owner;
+	err = store->backing->ops->put_volume(store->backing, &v);
+	if (err == ERR_OK)
+		change->replaced = volume_store_settle(store->server->volumes,
+		    v.id, change->owner);
+	return told(err);
+}
+
+static enum err forget_volume(struct scene_store *store,
+    const struct scene_change *change)
+{
+	const struct backing_volume *v = change->volume;
+	enum err err = store->backing->ops->forget_volume(store->backing,
+	    v->id, !v->is_forgotten);
+
+	if (err == ERR_OK)
+		volume_store_delete(store->server->volumes, v->id);
+	return told(err);
+}
+
 /* What is no change of a scene. */
 static enum err do_other(struct scene_store *store,
     struct scene_change *change)
 {
-	const struct backing_ops *ops = store->backing->ops;
 	const struct scene_slot *slot;
 	enum err err = ERR_OK;
 
 	switch (change->kind) {
 	case VOLUME_KEEP:
-		return told(ops->put_volume(store->backing, change->volume));
+		return keep_volume(store, change);
 	case VOLUME_FORGET:
-		return told(ops->forget_volume(store->backing,
-		    change->volume->id, !change->volume->is_forgotten));
+		return forget_volume(store, change);
 	default:
 		break;
 	}

@@ -197,7 +197,9 @@ struct scene_change {
 	    struct scene **out);
 	void *rebase_ctx;
 	char etag[ETAG_SIZE];    /* SCENE_READ: which */
-	const struct backing_volume *volume; /* the caller's until done() */
+	/* The caller's until done(). Kept or forgotten, it is so in server->volumes
+	 * as well; one that could not be is the caller's to settle there. */
+	const struct backing_volume *volume;
 	/* Scenes that the owner may have, itself included (SIZE_MAX: any). */
 	size_t scenes_most;
 	void (*done)(void *ctx);
@@ -210,6 +212,7 @@ struct scene_change {
 	bool is_owners;
 	bool is_outdated;
 	bool replaced;           /* there was one */
+	char owner[TOKEN_NAME_MAX + 1]; /* VOLUME_KEEP: whose it is */
 	bool unchanged;          /* the very same bytes were there: nothing is new */
 	struct scene *now;       /* what is there then, for scene_release; or NULL */
 	char *text;              /* SCENE_READ: malloc'd, the caller's */

@@ -209,6 +209,10 @@ enum err scene_writer_start(struct scene_store *store)
 
 void scene_writer_stop(struct scene_store *store)
 {
+	const struct backing_ops *ops = store->backing->ops;
+
+	if (ops->stop_reading != NULL)
+		ops->stop_reading(store->backing);
 	scene_worker_stop(store->worker);
 	scene_worker_stop(store->reader);
 	pthread_mutex_lock(&store->queue_lock);

@@ -18,7 +18,7 @@ struct stored {
 	struct volume_entry entry;
 	bool is_shown;         /* to new documents */
 	unsigned arriving;     /* uploads of it that are not settled */
-	/* Of one that arrives: whose it was before. */
+	/* Of one that arrives: whose it is unless it can be kept. */
 	char before[TOKEN_NAME_MAX + 1];
 };
 
@@ -178,18 +178,15 @@ static void set_owner(struct volume_entry *entry, const char *owner)
 	snprintf(entry->owner, sizeof entry->owner, "%s", owner);
 }
 
-/* s, which was forgotten, is payer's from now on, unless that fails. */
-static enum err take_over(struct volume_store *store, struct stored *s,
-    struct volume_payer *payer)
+/* Whether s, which was forgotten, or which somebody else brings as well, may be
+ * payer's: that is known when one of them is kept. */
+static enum err check_taking_over(const struct volume_store *store,
+    const struct stored *s, struct volume_payer *payer)
 {
 	/* What is payer's own already is not to be paid twice. */
 	const bool is_own = strcmp(s->entry.owner, payer->owner) == 0;
-	enum err err = check_payer(store, payer, is_own ? 0 : s->entry.bytes);
 
-	if (err != ERR_OK)
-		return err;
-	set_owner(&s->entry, payer->owner);
-	return ERR_OK;
+	return check_payer(store, payer, is_own ? 0 : s->entry.bytes);
 }
 
 /* ---- adding ---- */
@@ -269,12 +266,15 @@ static enum err arrive_again(struct volume_store *store, struct stored *s,
 {
 	enum err err = ERR_OK;
 
-	if (s->arriving == 0)
-		strcpy(s->before, s->entry.owner);
-	if (s->arriving == 0 && !s->is_shown)
-		err = take_over(store, s, payer);
+	if (!s->is_shown)
+		err = check_taking_over(store, s, payer);
 	if (err != ERR_OK)
 		return err;
+	if (s->arriving == 0) {
+		strcpy(s->before, s->entry.owner);
+		if (!s->is_shown)
+			set_owner(&s->entry, payer->owner);
+	}
 	*is_new = !s->is_shown;
 	s->arriving++;
 	*entry = s->entry;
@@ -326,10 +326,14 @@ static enum err put(struct volume_store *store, struct volume *volume,
 	was_there = s != NULL;
 	if (!was_there && payer != NULL)
 		err = check_payer(store, payer, bytes);
+	else if (payer != NULL && !s->is_shown)
+		err = check_taking_over(store, s, payer);
 	if (!was_there && err == ERR_OK)
 		err = insert(store, volume, entry, &s);
 	if (err == ERR_OK) {
 		*is_new = !s->is_shown;
+		if (was_there && s->arriving == 0)
+			strcpy(s->before, s->entry.owner);
 		s->arriving++;
 		set_owner(entry, s->entry.owner);
 	}
@@ -379,22 +383,29 @@ enum err volume_store_add(struct volume_store *store, const struct grid *grid,
 	return err;
 }
 
-void volume_store_settle(struct volume_store *store, const char *id,
-    bool is_kept)
+bool volume_store_settle(struct volume_store *store, const char *id,
+    const char *owner)
 {
 	struct stored *s;
+	bool was_shown = false;
 
 	pthread_mutex_lock(&store->lock);
 	s = find(store, id, true);
 	if (s != NULL) {
+		was_shown = s->is_shown;
 		s->arriving--;
-		s->is_shown |= is_kept;
+		if (owner != NULL) {
+			s->is_shown = true;
+			set_owner(&s->entry, owner);
+			strcpy(s->before, s->entry.owner);
+		}
 		/* It could not be kept: it is whose it was. */
 		if (!s->is_shown && s->arriving == 0)
 			set_owner(&s->entry, s->before);
 		sweep(store);
 	}
 	pthread_mutex_unlock(&store->lock);
+	return was_shown;
 }
 
 /* ---- keeping ---- */
@@ -489,8 +500,12 @@ static bool mark(struct volume_store *store, const struct backing_volume *v)
 	s = find(store, v->id, true);
 	if (s != NULL)
 		s->is_shown = !v->is_forgotten;
-	if (s != NULL && v->owner != NULL)
-		set_owner(&s->entry, v->owner);
+	if (s != NULL && v->owner != NULL) {
+		snprintf(s->before, sizeof s->before, "%s", v->owner);
+		/* Who brings it pays until that is settled. */
+		if (s->is_shown || s->arriving == 0)
+			set_owner(&s->entry, v->owner);
+	}
 	pthread_mutex_unlock(&store->lock);
 	return s != NULL;
 }

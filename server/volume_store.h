@@ -71,10 +71,14 @@ enum err volume_store_add(struct volume_store *store, const struct grid *grid,
     struct vec3 min, struct vec3 max, bool is_distance,
     struct volume_payer *payer, struct volume_entry *out, bool *is_new);
 
-/* One that arrives is kept, and documents may name it; or it is not, and goes,
- * unless it was there. */
-void volume_store_settle(struct volume_store *store, const char *id,
-    bool is_kept);
+/*
+ * One that arrives is kept, as owner's, and documents may name it; or, owner NULL,
+ * it is not, and goes, unless it was there. In the order in which it was kept, and
+ * not while volume_store_load tells of the same. Returns whether documents could
+ * name it before.
+ */
+bool volume_store_settle(struct volume_store *store, const char *id,
+    const char *owner);
 
 /* The memory that a volume of that grid takes. */
 size_t volume_store_need(const struct grid *grid);

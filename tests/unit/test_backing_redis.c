@@ -697,7 +697,7 @@ static void test_redis_refresh_tells_what_is_there(void **state)
 static void test_redis_volumes(void **state)
 {
 	static const struct backing_volume v = {"0123", "abc", 3, false,
-	    "me"};
+	    "me", NULL};
 	struct backing_reader reader;
 	struct daemon *a, *b;
 
@@ -743,21 +743,38 @@ static void assert_owner(const char *owner)
 
 static void test_redis_volumes_have_owners(void **state)
 {
-	struct backing_volume v = {"0123", "abc", 3, false, "me"};
+	char kept[TOKEN_NAME_MAX + 1] = "";
+	struct backing_volume v = {"0123", "abc", 3, false, "me", kept};
 	struct daemon *a;
 
 	(void)state;
 	need_redis();
 	a = begin(redis.url);
 	assert_int_equal(a->backing->ops->put_volume(a->backing, &v), ERR_OK);
+	assert_string_equal(kept, "me");
 	assert_owner("me");
 	/* Of two daemons at once, the first one's stays. */
 	v.owner = "you";
 	assert_int_equal(a->backing->ops->put_volume(a->backing, &v), ERR_OK);
+	assert_string_equal(kept, "me");
 	assert_owner("me");
+	for (int i = 0; i < 2; i++) {
+		assert_int_equal(a->backing->ops->forget_volume(a->backing,
+		    "0123", false), ERR_OK);
+		assert_owner("me");
+	}
+	assert_int_equal(a->backing->ops->put_volume(a->backing, &v), ERR_OK);
+	assert_string_equal(kept, "you");
+	assert_owner("you");
+	/* Kept again by a daemon that knows of none, it is not of before. */
 	assert_int_equal(a->backing->ops->forget_volume(a->backing, "0123",
 	    false), ERR_OK);
-	assert_owner("me");
+	redis_cli(&redis, "hset '{blobfield}:volume:0123' data abc forgotten 0",
+	    NULL, 0);
+	assert_owner("");
+	assert_int_equal(a->backing->ops->forget_volume(a->backing, "0123",
+	    false), ERR_OK);
+	assert_owner("");
 	assert_int_equal(a->backing->ops->put_volume(a->backing, &v), ERR_OK);
 	assert_owner("you");
 	/* As daemons that know of none have kept it. */
@@ -767,6 +784,30 @@ static void test_redis_volumes_have_owners(void **state)
 }
 
 /* ---- following ---- */
+
+/* What is told of it is what Redis has, and what this daemon has done last may have
+ * come before it was heard of. */
+static void test_redis_volume_of_two_daemons_is_told(void **state)
+{
+	struct backing_volume v = {"0123", "abc", 3, false, "me", NULL};
+	struct daemon *a, *b;
+
+	(void)state;
+	need_redis();
+	a = begin(redis.url);
+	b = begin(redis.url);
+	on_guard(b, true);
+	assert_int_equal(put(a, "s", "1"), ERR_OK);
+	usleep(100000); /* b's follower waits with that, most likely */
+	assert_int_equal(a->backing->ops->put_volume(a->backing, &v), ERR_OK);
+	v.owner = "you";
+	assert_int_equal(b->backing->ops->put_volume(b->backing, &v), ERR_OK);
+	on_guard(b, false);
+	assert_true(await_told(b, "0123", "abc"));
+	assert_string_equal(b->list[b->count - 1].owner, "me");
+	end(b);
+	end(a);
+}
 
 static void test_redis_follower_tells_of_others_only(void **state)
 {
@@ -1025,7 +1066,8 @@ enum middle_mode {
 	MIDDLE_LATE_REQUEST, /* ... and then delivers it */
 	MIDDLE_LOSE_ANSWER,
 	MIDDLE_LOSE_ALL,     /* the answer, and then nothing connects */
-	MIDDLE_HOLD_READS    /* of older revisions: nothing is answered */
+	MIDDLE_HOLD_READS,   /* of older revisions: nothing is answered */
+	MIDDLE_DRIP_READS    /* ... but a byte now and then, without an end */
 };
 
 struct middle {
@@ -1088,7 +1130,8 @@ static void *pass(void *ctx)
 	struct middle_pair pair = *(struct middle_pair *)ctx;
 	struct pollfd fds[2] = {{pair.client, POLLIN, 0},
 	    {pair.server, POLLIN, 0}};
-	bool is_lossy = false;
+	static const char endless[] = "*4\r\n$1000000\r\n";
+	bool is_lossy = false, is_dripping = false;
 	char data[65536];
 	ssize_t n;
 
@@ -1096,17 +1139,23 @@ static void *pass(void *ctx)
 	while (poll(fds, 2, 20) >= 0 && !atomic_load(&pair.m->is_ending)) {
 		int mode = atomic_load(&pair.m->mode);
 
+		if (is_dripping && fds[0].revents == 0)
+			send(pair.client, "x", 1, MSG_NOSIGNAL);
 		if (fds[0].revents != 0) {
 			n = recv(pair.client, data, sizeof data, 0);
 			if (n <= 0)
 				break;
-			if (mode == MIDDLE_HOLD_READS &&
+			if (mode >= MIDDLE_HOLD_READS &&
 			    is_read(data, (size_t)n)) {
 				atomic_fetch_add(&pair.m->held, 1);
+				is_dripping = mode == MIDDLE_DRIP_READS &&
+				    send(pair.client, endless, sizeof endless -
+				    1, MSG_NOSIGNAL) > 0;
 				continue;
 			}
 			is_lossy = mode > MIDDLE_OLD_CLOCK &&
-			    mode != MIDDLE_HOLD_READS && is_change(data, (size_t)n);
+			    mode < MIDDLE_HOLD_READS &&
+			    is_change(data, (size_t)n);
 			if (is_lossy && mode == MIDDLE_LOSE_REQUEST)
 				break;
 			if (is_lossy && mode == MIDDLE_LATE_REQUEST) {
@@ -1212,6 +1261,7 @@ struct old_read {
 	struct daemon *d;
 	pthread_t thread;
 	atomic_int made, made_before; /* changes, and when it had ended */
+	atomic_bool is_over;
 	enum err err;
 };
 
@@ -1223,6 +1273,7 @@ static void *read_first(void *ctx)
 	r->err = r->d->backing->ops->read(r->d->backing, "s", "\"first\"",
 	    &reader);
 	atomic_store(&r->made_before, atomic_load(&r->made));
+	atomic_store(&r->is_over, true);
 	return NULL;
 }
 
@@ -1271,6 +1322,41 @@ static void test_redis_read_without_answer_delays_no_change(void **state)
 		read_first(&r);
 	}
 	assert_int_equal(r.err, ERR_OK);
+	end(a);
+	stop_middle(&m);
+}
+
+/* As the daemon does that stops. */
+static void test_redis_read_without_an_end_is_stopped(void **state)
+{
+	static struct middle m;
+	struct old_read r = {.made = 0};
+	struct daemon *a;
+
+	(void)state;
+	need_redis();
+	start_middle(&m);
+	a = begin(m.url);
+	assert_int_equal(put(a, "s", "first"), ERR_OK);
+	assert_int_equal(put(a, "s", "second"), ERR_OK);
+	assert_true(has(a, "first"));
+	atomic_store(&m.mode, MIDDLE_DRIP_READS);
+	r.d = a;
+	pthread_create(&r.thread, NULL, read_first, &r);
+	for (int i = 0; i < 2000 && atomic_load(&m.held) == 0; i++)
+		usleep(10000);
+	assert_int_equal(atomic_load(&m.held), 1);
+	assert_false(atomic_load(&r.is_over));
+	a->backing->ops->stop_reading(a->backing);
+	for (int i = 0; i < 2000 && !atomic_load(&r.is_over); i++)
+		usleep(10000);
+	assert_true(atomic_load(&r.is_over));
+	pthread_join(r.thread, NULL);
+	assert_int_equal(r.err, ERR_UNAVAILABLE);
+	atomic_store(&m.mode, MIDDLE_PASS);
+	read_first(&r);
+	assert_int_equal(r.err, ERR_UNAVAILABLE);
+	assert_int_equal(put(a, "s", "third"), ERR_OK);
 	end(a);
 	stop_middle(&m);
 }
@@ -1339,7 +1425,7 @@ static void test_redis_change_in_doubt_is_told_later(void **state)
 static void test_redis_clock_that_is_set_does_not_stop_changes(void **state)
 {
 	static const struct backing_volume v = {"0123", "abc", 3, false,
-	    "me"};
+	    "me", NULL};
 	static struct middle m;
 	struct daemon *a;
 
@@ -1437,6 +1523,7 @@ int main(void)
 		TEST(test_redis_refresh_tells_what_is_there),
 		TEST(test_redis_volumes),
 		TEST(test_redis_volumes_have_owners),
+		TEST(test_redis_volume_of_two_daemons_is_told),
 		TEST(test_redis_follower_tells_of_others_only),
 		TEST(test_redis_overtaken_revisions_are_told_for_the_history),
 		TEST(test_redis_hole_in_the_stream_is_seen),
@@ -1451,6 +1538,7 @@ int main(void)
 		TEST(test_redis_lost_answer_is_looked_up),
 		TEST(test_redis_read_without_answer_delays_no_change),
 		TEST(test_redis_lost_request_is_not_made),
+		TEST(test_redis_read_without_an_end_is_stopped),
 		TEST(test_redis_late_request_is_not_made),
 		TEST(test_redis_clock_that_is_set_does_not_stop_changes),
 		TEST(test_redis_change_in_doubt_is_told_later),

@@ -41,6 +41,7 @@
 /* The call with that number, from 1, and so many behind it fail; 0: none. */
 static struct {
 	long from, count, calls;
+	const char *replaced, *by; /* by its first failure; NULL: none */
 } sync_failure, write_failure;
 
 static bool fails(long from, long count, long *calls)
@@ -53,6 +54,8 @@ int fdatasync(int fd)
 {
 	if (fails(sync_failure.from, sync_failure.count,
 	    &sync_failure.calls)) {
+		if (sync_failure.replaced != NULL)
+			rename(sync_failure.by, sync_failure.replaced);
 		errno = EIO;
 		return -1;
 	}
@@ -573,7 +576,7 @@ static void test_read_that_waits_delays_no_change(void **state)
 	const char *places[] = {*state, ":memory:"};
 	static char data[(1 << 20) + 1];
 	const struct backing_volume v = {"id", data, sizeof data, false,
-		"me"};
+		"me", NULL};
 
 	for (int k = 0; k < 2; k++) {
 		struct backing *b = must_open(places[k]);
@@ -704,7 +707,7 @@ static void test_volume_of_several_pieces(void **state)
 	struct backing *b = must_open(*state);
 	size_t length = ((size_t)5 << 19) + 17;
 	unsigned char *data = malloc(length);
-	struct backing_volume v = {"id", data, length, false, "me"};
+	struct backing_volume v = {"id", data, length, false, "me", NULL};
 	unsigned sum = 0;
 	struct found f;
 
@@ -732,11 +735,17 @@ static void test_volume_of_several_pieces(void **state)
 
 static void test_volumes_have_owners(void **state)
 {
-	struct backing_volume v = {"id", "data", 4, false, "me"};
+	char kept[TOKEN_NAME_MAX + 1] = "";
+	struct backing_volume v = {"id", "data", 4, false, "me", kept};
 	struct backing *b = must_open(*state);
 	struct found f;
 
 	assert_int_equal(b->ops->put_volume(b, &v), ERR_OK);
+	assert_string_equal(kept, "me");
+	/* It is there: it stays whose it is. */
+	v.owner = "you";
+	assert_int_equal(b->ops->put_volume(b, &v), ERR_OK);
+	assert_string_equal(kept, "me");
 	b->ops->free(b);
 	b = must_open(*state);
 	look(b, &f);
@@ -745,8 +754,8 @@ static void test_volumes_have_owners(void **state)
 	assert_int_equal(b->ops->forget_volume(b, "id", false), ERR_OK);
 	look(b, &f);
 	assert_string_equal(f.volume_owner, "me");
-	v.owner = "you";
 	assert_int_equal(b->ops->put_volume(b, &v), ERR_OK);
+	assert_string_equal(kept, "you");
 	b->ops->free(b);
 	b = must_open(*state);
 	look(b, &f);
@@ -823,7 +832,7 @@ static void run_sql(const char *path, const char *sql)
 static void test_file_of_version_1_is_brought_up(void **state)
 {
 	struct backing *b;
-	struct backing_volume v = {"id", "data", 4, false, ""};
+	struct backing_volume v = {"id", "data", 4, false, "", NULL};
 	struct found f;
 	char sql[1200], etag[ETAG_SIZE];
 	uint64_t seq;
@@ -863,7 +872,7 @@ static void test_file_of_version_1_is_brought_up(void **state)
 static void test_file_of_version_2_is_brought_up(void **state)
 {
 	struct backing *b = must_open(*state);
-	struct backing_volume v = {"id", "data", 4, false, "me"};
+	struct backing_volume v = {"id", "data", 4, false, "me", NULL};
 	struct found f;
 
 	assert_int_equal(b->ops->put_volume(b, &v), ERR_OK);
@@ -1031,7 +1040,7 @@ static enum err no_volume(void *ctx, const struct backing_volume *v)
 static void test_what_is_no_volume_is_refused(void **state)
 {
 	const struct backing_reader reader = {ignore, no_volume, NULL};
-	const struct backing_volume v = {"id", "data", 4, false, ""};
+	const struct backing_volume v = {"id", "data", 4, false, "", NULL};
 	struct backing *b = must_open(*state);
 
 	assert_int_equal(b->ops->put_volume(b, &v), ERR_OK);
@@ -1044,7 +1053,7 @@ static void test_reader_does_not_stop_a_volume(void **state)
 {
 	static char data[(1 << 20) + 1];
 	const struct backing_volume v = {"id", data, sizeof data, false,
-	    ""};
+	    "", NULL};
 	sqlite3_stmt *q;
 	struct backing *b;
 	sqlite3 *other;
@@ -1096,6 +1105,39 @@ static void test_file_removed_or_replaced_is_not_written(void **state)
 	assert_int_equal(b->ops->commit(b, NULL, 0), ERR_OK);
 	assert_true(b->ops->is_well(b));
 	assert_false(has(b, "0", "none"));
+	b->ops->free(b);
+}
+
+/* What was kept under larger bounds is trimmed when it is loaded; if the file is
+ * another one by then, what was loaded is not what is there. */
+static void test_file_replaced_while_it_is_loaded(void **state)
+{
+	char path[PATH_MAX + 32], copy[PATH_MAX + 64], command[2 * PATH_MAX +
+	    128];
+	struct backing *b;
+	struct found f;
+
+	snprintf(path, sizeof path, "%s", path_of(*state, "scenes.sqlite"));
+	snprintf(copy, sizeof copy, "%s.copy", path);
+	b = must_open(*state);
+	must_keep(b, "0", "one");
+	must_keep(b, "0", "two");
+	b->ops->free(b);
+	snprintf(command, sizeof command, "cp '%s' '%s'", path, copy);
+	assert_int_equal(system(command), 0);
+	assert_int_equal(open_with(*state, 1, 0, &b), ERR_OK);
+	lost_count = 0;
+	sync_failure.from = sync_failure.calls + 1;
+	sync_failure.count = 1;
+	sync_failure.by = copy;
+	sync_failure.replaced = path;
+	look(b, &f);
+	assert_true(sync_failure.calls >= sync_failure.from);
+	fail_nothing();
+	assert_int_equal(lost_count, 1);
+	look(b, &f);
+	assert_string_equal(f.text[0], "two");
+	assert_int_equal(lost_count, 1);
 	b->ops->free(b);
 }
 
@@ -1329,6 +1371,7 @@ int main(void)
 		CASE(test_what_is_no_volume_is_refused),
 		CASE(test_reader_does_not_stop_a_volume),
 		CASE(test_file_removed_or_replaced_is_not_written),
+		CASE(test_file_replaced_while_it_is_loaded),
 		CASE(test_missing_file_is_not_made_again),
 		CASE(test_log_without_its_file_is_refused),
 		CASE(test_folder_is_one_daemons),

@@ -53,8 +53,12 @@ static atomic_bool is_bad_good; /* "bad…" compiles now */
 
 void events_publish(struct events *e, const struct scene_event *event)
 {
+	const size_t n = atomic_load(&event_count);
+
 	(void)e;
-	events[atomic_fetch_add(&event_count, 1) % EVENTS_MAX] = *event;
+	/* One at a time: under the store's turn. Who counts it may read it. */
+	events[n % EVENTS_MAX] = *event;
+	atomic_store(&event_count, n + 1);
 }
 
 void metrics_observe(struct metrics *m, const struct exchange *x,
@@ -116,6 +120,9 @@ static struct {
 	atomic_bool is_tired; /* a read has waited for too long */
 	atomic_int commits, writes, fail_every, conflicts, away;
 	atomic_int refreshes, gone;
+	bool is_volume_there; /* the one volume, not forgotten */
+	char volume_owner[TOKEN_NAME_MAX + 1];
+	atomic_int volume_failures;
 } fake = {.lock = PTHREAD_MUTEX_INITIALIZER, .wake = PTHREAD_COND_INITIALIZER};
 
 static struct kept *newest(const char *id)
@@ -145,7 +152,7 @@ static enum err fake_load(struct backing *b,
 		return ERR_UNAVAILABLE;
 	if (fake.has_damage) {
 		static const struct backing_volume v = {"id", "x", 1, false,
-		    ""};
+		    "", NULL};
 
 		return reader->volume(reader->ctx, &v);
 	}
@@ -285,8 +292,25 @@ static bool fake_is_well(struct backing *b)
 static enum err fake_forget(struct backing *b, const char *id, bool is_gone)
 {
 	(void)b, (void)id;
-	assert_true(is_gone);
-	atomic_fetch_add(&fake.gone, 1);
+	if (is_gone)
+		atomic_fetch_add(&fake.gone, 1);
+	else
+		fake.is_volume_there = false;
+	return ERR_OK;
+}
+
+static enum err fake_put_volume(struct backing *b,
+    const struct backing_volume *v)
+{
+	(void)b;
+	if (atomic_load(&fake.volume_failures) > 0) {
+		atomic_fetch_sub(&fake.volume_failures, 1);
+		return ERR_IO;
+	}
+	if (!fake.is_volume_there)
+		strcpy(fake.volume_owner, v->owner);
+	fake.is_volume_there = true;
+	strcpy(v->kept_owner, fake.volume_owner);
 	return ERR_OK;
 }
 
@@ -297,11 +321,12 @@ static void fake_free(struct backing *b)
 
 static const struct backing_ops plain_ops = {.load = fake_load,
 	.commit = fake_commit, .read = fake_read, .is_well = fake_is_well,
-	.forget_volume = fake_forget, .free = fake_free};
+	.put_volume = fake_put_volume, .forget_volume = fake_forget,
+	.free = fake_free};
 static const struct backing_ops shared_ops = {.load = fake_load,
 	.commit = fake_commit, .read = fake_read, .refresh = fake_refresh,
-	.is_well = fake_is_well, .forget_volume = fake_forget,
-	.free = fake_free};
+	.is_well = fake_is_well, .put_volume = fake_put_volume,
+	.forget_volume = fake_forget, .free = fake_free};
 
 enum err backing_open_sqlite(const char *folder,
     const struct backing_options *options, struct backing **out)
@@ -466,6 +491,8 @@ static void reset(void)
 	atomic_store(&fake.is_tired, false);
 	fake.commits = fake.writes = fake.fail_every = fake.conflicts = 0;
 	fake.away = fake.refreshes = fake.gone = 0;
+	fake.is_volume_there = false;
+	fake.volume_failures = 0;
 	atomic_store(&event_count, 0);
 	atomic_store(&is_bad_good, false);
 	config = (struct config){.max_scenes = 1000,
@@ -1066,15 +1093,15 @@ static void forget_one(float sample, char id[static VOLUME_ID_DIGITS + 1])
 	assert_int_equal(volume_store_add(server.volumes, &grid,
 	    vec3(0.0, 0.0, 0.0), vec3(1.0, 1.0, 1.0), false, &payer, &entry,
 	    &is_new), ERR_OK);
-	volume_store_settle(server.volumes, entry.id, true);
+	volume_store_settle(server.volumes, entry.id, "");
 	volume_store_delete(server.volumes, entry.id);
 	strcpy(id, entry.id);
 }
 
 /* Uploads a volume of 4 x 4 x 4, told apart by its first sample, as owner who may
- * have room for so many of them; it is kept if it can be. */
-static enum err upload(float sample, const char *owner, size_t most,
-    bool is_kept, struct volume_entry *out)
+ * have room for so many of them; it is to be settled. */
+static enum err begin_upload(float sample, const char *owner, size_t most,
+    struct volume_entry *out)
 {
 	float samples[64] = {sample};
 	struct grid grid = {.samples = samples, .count = {4, 4, 4}};
@@ -1086,8 +1113,18 @@ static enum err upload(float sample, const char *owner, size_t most,
 	    &is_new);
 
 	assert_int_equal(payer.is_owners, err == ERR_LIMIT);
+	return err;
+}
+
+/* The same, kept if it can be. */
+static enum err upload(float sample, const char *owner, size_t most,
+    bool is_kept, struct volume_entry *out)
+{
+	enum err err = begin_upload(sample, owner, most, out);
+
 	if (err == ERR_OK)
-		volume_store_settle(server.volumes, out->id, is_kept);
+		volume_store_settle(server.volumes, out->id, is_kept ?
+		    out->owner : NULL);
 	return err;
 }
 
@@ -1154,6 +1191,118 @@ static void test_forgotten_volumes_count_while_they_are_used(void **state)
 	assert_int_equal(upload(21.0f, "b", 1, true, &e), ERR_OK);
 	assert_int_equal(volumes_of("b"), 1);
 	volume_release(used);
+}
+
+/* Of two who bring the same, the one whose upload is kept pays. */
+static void test_volume_is_whose_upload_was_kept(void **state)
+{
+	struct volume_entry e;
+
+	(void)state;
+	assert_int_equal(begin_upload(31.0f, "a", 1, &e), ERR_OK);
+	assert_int_equal(begin_upload(31.0f, "none", 0, &e), ERR_LIMIT);
+	assert_int_equal(begin_upload(31.0f, "b", 1, &e), ERR_OK);
+	assert_false(volume_store_settle(server.volumes, e.id, NULL));
+	assert_false(volume_store_settle(server.volumes, e.id, "b"));
+	assert_int_equal(volumes_of("a"), 0);
+	assert_int_equal(volumes_of("b"), 1);
+	/* Of two that are kept the second one is nothing new. */
+	assert_int_equal(begin_upload(32.0f, "a", 1, &e), ERR_OK);
+	assert_int_equal(begin_upload(32.0f, "b", 2, &e), ERR_OK);
+	assert_false(volume_store_settle(server.volumes, e.id, "b"));
+	assert_true(volume_store_settle(server.volumes, e.id, "b"));
+	assert_int_equal(volumes_of("a"), 0);
+	assert_int_equal(volumes_of("b"), 2);
+	/* Deleted while the same is on its way, which is kept then. */
+	assert_int_equal(begin_upload(32.0f, "a", 0, &e), ERR_OK);
+	assert_int_equal(volume_store_delete(server.volumes, e.id), ERR_OK);
+	assert_false(volume_store_settle(server.volumes, e.id, "a"));
+	assert_int_equal(volumes_of("a"), 1);
+	assert_int_equal(volumes_of("b"), 1);
+}
+
+/* What a backing tells meanwhile is older than what is kept then. */
+static void test_volume_told_of_while_it_arrives(void **state)
+{
+	struct volume_entry e;
+	struct backing_volume v = {.id = e.id, .is_forgotten = true,
+	    .owner = "a"};
+	struct volume *used;
+
+	(void)state;
+	assert_int_equal(upload(41.0f, "a", 1, true, &e), ERR_OK);
+	used = volume_store_find(server.volumes, e.id);
+	assert_int_equal(volume_store_delete(server.volumes, e.id), ERR_OK);
+	for (int is_kept = 0; is_kept < 2; is_kept++) {
+		assert_int_equal(begin_upload(41.0f, "b", 1, &e), ERR_OK);
+		assert_int_equal(volume_store_load(server.volumes, &v),
+		    ERR_OK);
+		assert_int_equal(volumes_of("b"), 1); /* until then */
+		volume_store_settle(server.volumes, e.id, is_kept ? "b" :
+		    NULL);
+		assert_int_equal(volumes_of("a"), !is_kept);
+		assert_int_equal(volumes_of("b"), is_kept);
+	}
+	/* Another daemon has made it somebody's, and this one's fails. */
+	assert_int_equal(volume_store_delete(server.volumes, e.id), ERR_OK);
+	assert_int_equal(begin_upload(41.0f, "d", 1, &e), ERR_OK);
+	v.owner = "c";
+	assert_int_equal(volume_store_load(server.volumes, &v), ERR_OK);
+	volume_store_settle(server.volumes, e.id, NULL);
+	assert_int_equal(volumes_of("c"), 1);
+	volume_release(used);
+}
+
+static void submit_volume(struct asked *a, enum scene_change_kind kind,
+    const struct backing_volume *v)
+{
+	memset(&a->change, 0, sizeof a->change);
+	atomic_store(&a->is_done, false);
+	a->change.kind = kind;
+	a->change.volume = v;
+	a->change.done = on_done;
+	a->change.ctx = a;
+	assert_int_equal(scene_store_submit(server.scenes, &a->change),
+	    ERR_OK);
+}
+
+/* In the order in which they are kept, and by what has been kept. */
+static void test_writer_settles_volumes(void **state)
+{
+	struct asked held, first, second, gone, third;
+	struct volume_entry e;
+	struct backing_volume a = {.id = e.id, .owner = "a"},
+	    b = {.id = e.id, .owner = "b"},
+	    forgotten = {.id = e.id, .is_forgotten = true};
+
+	(void)state;
+	atomic_store(&fake.volume_failures, 1);
+	hold_with(&held);
+	assert_int_equal(begin_upload(51.0f, "a", 1, &e), ERR_OK);
+	assert_int_equal(begin_upload(51.0f, "b", 1, &e), ERR_OK);
+	assert_int_equal(begin_upload(51.0f, "a", 1, &e), ERR_OK);
+	submit_volume(&first, VOLUME_KEEP, &a);
+	submit_volume(&second, VOLUME_KEEP, &b);
+	submit_volume(&gone, VOLUME_FORGET, &forgotten);
+	submit_volume(&third, VOLUME_KEEP, &a);
+	hold(false);
+	assert_int_equal(await(&held), ERR_OK);
+	assert_int_equal(await(&first), ERR_UNAVAILABLE);
+	volume_store_settle(server.volumes, e.id, NULL);
+	assert_int_equal(await(&second), ERR_OK);
+	assert_false(second.change.replaced);
+	assert_string_equal(second.change.owner, "b");
+	assert_int_equal(await(&gone), ERR_OK);
+	assert_int_equal(await(&third), ERR_OK);
+	assert_false(third.change.replaced);
+	assert_string_equal(third.change.owner, "a");
+	assert_int_equal(volume_store_get(server.volumes, e.id, &e), ERR_OK);
+	assert_string_equal(e.owner, "a");
+	assert_int_equal(begin_upload(51.0f, "b", 0, &e), ERR_OK);
+	submit_volume(&first, VOLUME_KEEP, &b);
+	assert_int_equal(await(&first), ERR_OK);
+	assert_true(first.change.replaced);
+	assert_string_equal(first.change.owner, "a");
 }
 
 static bool has_volume(const char *id)
@@ -1481,6 +1630,9 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		CASE(test_volumes_count_as_their_owners),
 		CASE(test_forgotten_volumes_count_while_they_are_used),
+		CASE(test_volume_is_whose_upload_was_kept),
+		CASE(test_volume_told_of_while_it_arrives),
+		CASE(test_writer_settles_volumes),
 		CASE(test_put_is_kept_seen_and_told),
 		CASE(test_same_bytes_write_nothing),
 		CASE(test_preconditions_are_of_what_is_there),

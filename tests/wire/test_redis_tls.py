@@ -273,7 +273,7 @@ def test_redis_with_an_old_certificate_is_refused(place):
 def test_redis_without_tls_is_not_spoken_to(place):
     """Nor is one with it by redis://."""
     place.run_redis("good", "--tls-port", "0", "--port", str(place.port))
-    refused(place, place.url(), "TLS:")
+    refused(place, place.url(), "TLS:", "(does it speak TLS?)")
     place.run_redis("good")
     refused(place, place.url("", scheme="redis"))
 

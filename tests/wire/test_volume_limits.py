@@ -14,6 +14,7 @@ import struct
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import traceback
 
@@ -100,6 +101,16 @@ def volume(first):
             struct.pack("<%df" % SIDE ** 3, first, *rest))
 
 
+def told(place, name):
+    """What GET /v1/tokens says of it."""
+    return next(t for t in place.ask("root", "GET", "/v1/tokens")[1]["tokens"]
+                if t["name"] == name)
+
+
+def used(place, name):
+    return told(place, name)["used"]
+
+
 def check(status, expected, said):
     assert status == expected, (status, said)
 
@@ -113,8 +124,7 @@ def test_volume_limits_are_kept(place):
     place.entries[0]["limits"] = {"volume_bytes": 2 * place.size}
     place.write_tokens()
     place.process.send_signal(signal.SIGHUP)
-    await_true(lambda: "volume_bytes" in str(
-        place.ask("root", "GET", "/v1/tokens")))
+    await_true(lambda: "volume_bytes" in told(place, "a")["limits"])
     check(place.upload("a", 2.0)[0], 201, "")
     status, said = place.upload("a", 3.0)
     check(status, 507, said)
@@ -129,6 +139,8 @@ def test_volume_limits_are_kept(place):
     # b has no limit.
     for i in range(3):
         check(place.upload("b", 10.0 + i)[0], 201, "")
+    assert [used(place, name)["volume_bytes"] // place.size
+            for name in ("a", "b", "none")] == [2, 3, 0]
 
 
 def test_volume_limits_survive_a_restart(place):
@@ -150,6 +162,8 @@ def test_volume_limits_are_given_back(place):
     check(status, 201, said)
     check(place.ask("a", "DELETE", "/v1/volumes/" + ids[0])[0], 204, "")
     check(place.upload("a", 3.0)[0], 507, "a scene uses the first one")
+    assert used(place, "a")["volume_bytes"] == 2 * place.size
+    assert [used(place, name)["scenes"] for name in ("a", "b")] == [0, 1]
     place.stop()
     place.start()
     check(place.upload("a", 3.0)[0], 507, "still so after a restart")
@@ -158,6 +172,20 @@ def test_volume_limits_are_given_back(place):
     check(place.upload("a", 4.0)[0], 507, "two again")
     check(place.ask("b", "DELETE", "/v1/volumes/" + ids[1])[0], 204, "")
     check(place.upload("a", 4.0)[0], 201, "one of them is gone")
+
+
+def test_volume_of_simultaneous_uploads_is_new_once(place):
+    """Whoever pays for it: of those of the same one says 201."""
+    for first in (20.0, 21.0, 22.0, 23.0):
+        said = []
+        threads = [threading.Thread(target=lambda: said.append(
+            place.upload("b", first))) for _ in range(6)]
+        for t in threads:
+            t.start()
+        for t in threads:
+            t.join()
+        assert sorted(s for s, _ in said) == [200] * 5 + [201], said
+        assert {v["owner"] for _, v in said} == {"b"}, said
 
 
 def run_case(case, place):
