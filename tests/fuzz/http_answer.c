@@ -88,8 +88,8 @@ static void read_headers(const char *at, const char *end, struct head *head)
 static bool is_status(int status)
 {
 	static const int all[] = {100, 200, 201, 202, 204, 304, 400, 401, 403,
-	    404, 405, 406, 409, 411, 412, 413, 414, 415, 417, 422, 429, 431,
-	    501, 503, 504, 505, 507};
+	    404, 405, 406, 409, 411, 412, 413, 414, 415, 417, 421, 422, 429,
+	    431, 501, 503, 504, 505, 507};
 
 	for (size_t i = 0; i < sizeof all / sizeof *all; i++)
 		if (all[i] == status)
