@@ -24,8 +24,8 @@
 /* ... and about the most instructions times points of such a one. */
 #define PIECE_WORK ((size_t)16777216)
 
-/* Both times so much on a GPU, of which 65,536 points are a quarter: 16 ms of an
- * H100. */
+/* Both times so much on a GPU, of which 65,536 points are a quarter (an H100): 16
+ * ms of it by the rate of tests/bench/RESULTS.md, not timed. */
 #define PIECE_GPU 16
 
 /* Points and rows of a piece that are copied into the workspace though the
